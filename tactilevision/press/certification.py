@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -83,21 +82,30 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         for point in points
         if point.accepted and (touch := evidence[point.press].touch) is not None
     ]
+    scale = find_depth_scale(faces)
+    seen = [(evidence[point.press], point) for point in points if point.press in evidence]
+    curves = [
+        press_curve(one.track, one.force, point=point, touch=one.touch, offset_s=one.offset_s, depth_scale=scale)
+        for one, point in seen
+    ]
+    recording, reconstructor = measurements.recording, measurements.reconstructor
     given = next((one.bevel_contact for one in events.values()), None)
-    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
-    askew = tilt_warning([evidence[point.press] for point in points if point.accepted])
-    certificate = Certificate(
+    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in recording.balls])
+    tilted = tilt_warning([evidence[point.press] for point in points if point.accepted])
+    return Certificate(
         points=points,
-        curves=(),
+        curves=tuple(curve for curve in curves if curve is not None),
         clock_offset=measurements.offset,
-        evidence={},
+        evidence={
+            point.press: evidence_of(recording, reconstructor, press_evidence=one, findings=findings[point.press])
+            for one, point in seen
+        },
         pile_ups=pile_ups,
         bevel_distance_mm=given.distance_mm if given else None,
-        depth_scale=find_depth_scale(faces),
-        warnings=(*_warnings(measurements, events), *(said for said in (doubt, askew) if said)),
+        depth_scale=scale,
+        warnings=(*_warnings(measurements, events), *(said for said in (doubt, tilted) if said)),
         scale_doubt=doubt,
     )
-    return _with_presses(certificate, measurements, evidence, findings)
 
 
 def _points(
@@ -117,30 +125,6 @@ def _points(
         point = certified_point(measurements, press, *known, tilt_scatter_rad=tilt_scatter)
         points.append(judge_point(point, findings.get(name, (UNSEEN_PRESS,))))
     return tuple(points)
-
-
-def _with_presses(
-    certificate: Certificate,
-    measurements: RecordingMeasurements,
-    evidence: Mapping[str, PressEvidence],
-    findings: Mapping[str, tuple[Finding, ...]],
-) -> Certificate:
-    """Return the certificate with the curve and the evidence of every press that was seen."""
-    seen = [(evidence[point.press], point) for point in certificate.points if point.press in evidence]
-    scale = certificate.depth_scale
-    curves = [
-        press_curve(one.track, one.force, point=point, touch=one.touch, offset_s=one.offset_s, depth_scale=scale)
-        for one, point in seen
-    ]
-    recording, reconstructor = measurements.recording, measurements.reconstructor
-    return replace(
-        certificate,
-        curves=tuple(curve for curve in curves if curve is not None),
-        evidence={
-            point.press: evidence_of(recording, reconstructor, press_evidence=one, findings=findings[point.press])
-            for one, point in seen
-        },
-    )
 
 
 def _findings(

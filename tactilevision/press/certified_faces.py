@@ -167,7 +167,7 @@ def wall_at(reading: Reading, centre_mm: Pair, radius_mm: float) -> PunchEdge | 
 # error.
 
 GENTLE_MM = 0.4  # mm, up to which walls do not change the depth of a face
-MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
+MIN_COUNT = 3  # gentle faces of a median, or certified ones of a scale; tests.certificate.test_depth_scale
 MAX_OFF = 0.06  # of 1: on five lights medians over gentle faces lie within .02, single ones within .08
 DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
 
@@ -201,42 +201,27 @@ def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
     )
 
 
-def scale_off(pairs: Sequence[Pair]) -> float | None:
-    """Return seen over certified depth of gentle faces (seen, certified); None where 1 is not contradicted."""
-    ratios = _ratios(pairs)
-    if len(ratios) < MIN_COUNT:
-        return None
-    off = float(np.median(ratios))
-    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
-    return None if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter) else off
-
-
 def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
-    """Return a sentence where gentle faces (seen, certified) contradict the picture's scale; else "".
+    """Return what to check where gentle faces (seen, certified) contradict the picture's scale; else "".
 
     `radii_mm` of the balls that made it; none for a ready method.
     """
-    off = scale_off(pairs)
-    return "" if off is None else scale_question(off, len(_ratios(pairs)), radii_mm=radii_mm)
-
-
-def scale_question(off: float, faces: int, *, radii_mm: Sequence[float]) -> str:
-    """Return what to check where the picture's scale is `off`, a ratio, at so many gentle `faces`."""
-    stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
-    implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
-    why = "balls of this sensor would mend it."
-    if stated:
-        why = f"is the ball radius stated as {stated} mm really {implied}, "
+    ratios = np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
+    if len(ratios) < MIN_COUNT:
+        return ""
+    off = float(np.median(ratios))
+    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
+    if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter):
+        return ""
+    why, radii = "balls of this sensor would mend it.", sorted(set(radii_mm))
+    if radii:
+        implied = ", ".join(f"{off * radius:.2f}" for radius in radii)
+        why = f"is the ball radius stated as {', '.join(f'{radius:g}' for radius in radii)} mm really {implied}, "
         why += "has the light changed since the balls, or do lamps cast shadows outside the faces?"
     return (
         f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies "
-        f"of {faces} gentle faces: {why}"
+        f"of {len(ratios)} gentle faces: {why}"
     )
-
-
-def _ratios(pairs: Sequence[Pair]) -> Floats:
-    """Return seen over true depth of the gentle faces in pairs of them."""
-    return np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
 
 
 # Correction of face depth: the part hidden by a face's walls, restored from certified presses.
@@ -245,8 +230,6 @@ def _ratios(pairs: Sequence[Pair]) -> Floats:
 # certified presses determine the error: read at their events by the same reconstructor they give a depth scale
 # (`find_depth_scale`). It moves the faces of all frames of these presses as rigid discs. The gel outside them, and
 # the deviation that the map states, are not changed. Lengths in mm, times on the camera's clock.
-
-MIN_FACES = 3  # certified faces that make a depth scale; tests.certificate.test_face_depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +271,7 @@ def face_depth_correction(
     Maps are made with `walls` fitted to certified faces; None: with uncorrected walls.
     """
     pairs = [(one.as_taught(walls), one.certified_mm) for one in faces]
-    depth_scale = find_depth_scale(pairs) if len(pairs) >= MIN_FACES else None
+    depth_scale = find_depth_scale(pairs) if len(pairs) >= MIN_COUNT else None
     if depth_scale is None:
         return NO_CORRECTION
     spans = tuple((one.press.start_s, one.press.end_s, one.indenter) for one in faces)

@@ -23,9 +23,7 @@ from tactilevision.robust import mad_std
 _MAX_PACE = 3.0  # times the ramp's median pace: limit on a face's speed between two frames
 _BOTH_WAYS = 4  # minimum number of frames within which both readings of such a wall occur
 _BOTH_WAYS_S = 0.25  # s, likewise: most of a hold of half a second remains
-_MOVING = (
-    0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, excluded from the pace
-)
+_MOVING = 0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops
 
 
 def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> float:
@@ -33,8 +31,7 @@ def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> fl
 
     A face moves at its rig's pace: jumps are alternating readings of a wall. Both readings grow with the face, so
     the shallower one, of the frames that follow, is sufficient. A single frame that reads shallower than both its
-    neighbours
-    is no valid start.
+    neighbours is no valid start.
     """
     seconds = np.diff(track.time_s)
     paces = (np.abs(np.diff(of_three(track.depth_mm))) / seconds)[phases.onset : phases.hold]
@@ -177,14 +174,14 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
     uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm) and not dragged:
         return Finding(
-            "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
+            "footprint", f"next to the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
         )
     flatness = (
         relief_mm(evidence.track.face_map, face) if evidence.track.indenter.shape == "flat_cylinder" else 0.0
     )
     if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm) and not dragged:
         return Finding(
-            "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
+            "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms off a plane; is it chipped?"
         )
     if not np.isfinite(nominal) or evidence.track.indenter.shape != "flat_cylinder":  # a ball's contact is smaller
         return None
@@ -194,7 +191,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
     )
     if abs(ratio - 1) > limit:
         text = f"the face has a radius of {face.radius_mm:.2f} mm, the indenter {nominal:.2f} mm"
-        return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % against the other presses)")
+        return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % compared with the other presses)")
     return None
 
 
@@ -316,9 +313,7 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
         return Finding("bevel_not_touched", "no touch of the bevel is to be seen")
     if evidence.touch.onset.gain < DETECTION_CHI2:
         sigma = np.sqrt(max(evidence.touch.onset.gain, 0.0))
-        return Finding(
-            "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
-        )
+        return Finding("bevel_not_touched", f"the touch of the bevel is significant by {sigma:.1f} sigma only")
     usual = statistics.touch_share.get(indenter.radius_mm, float("nan"))
     return _elsewhere(evidence.touch.onset, indenter.height_mm, usual=usual)
 
@@ -331,8 +326,8 @@ def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | Non
         return None
     return Finding(
         "bevel_not_touched",
-        f"what stands {np.sqrt(onset.gain):.1f} sigma out of the noise comes {100 * away:+.0f} % off the depth at "
-        "which the other presses touch: light that changes there, or another height than stated",
+        f"a signal of {np.sqrt(onset.gain):.1f} sigma appears {100 * away:+.0f} % off the depth at which "
+        "the other presses touch: light that changes there, or another height than stated",
     )
 
 
@@ -413,10 +408,9 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
 
 
 def _touch_shares(presses: Iterable[PressEvidence]) -> dict[float, float]:
-    """Return the median over the presses of a radius that touched; of all radii where fewer than three did; else
-    NaN.
+    """Return the median over the presses of a radius that touched; NaN where fewer than three did at all.
 
-    The gel's rise at the bevel depends on the radius.
+    The gel's rise at the bevel depends on the radius; with fewer than three of one, the median is of all radii.
     """
     shares: dict[float, list[float]] = {}
     for evidence in presses:
@@ -497,12 +491,9 @@ def mount_tilt(tilts: Floats, depth_mm: Floats) -> Floats | None:
     tilts, depth_mm = tilts[known], depth_mm[known]
     if depth_mm.size < 4 or depth_mm.max() < MIN_SPREAD * depth_mm.min():
         return None
-    line = np.column_stack([np.ones_like(depth_mm), depth_mm])
-    found, *_ = np.linalg.lstsq(line, tilts, rcond=None)
-    left = np.sum((tilts - line @ found) ** 2) / (2 * (depth_mm.size - 2))
-    std = float(np.sqrt(left * np.linalg.inv(line.T @ line)[0, 0]))
-    size = float(np.hypot(*found[0]))
-    return found[0] if size > max(TILT_READ, SIGMA * std) else None
+    found, covariance = np.polyfit(depth_mm, tilts, 1, cov=True)
+    std = float(np.sqrt(covariance[1, 1].mean()))
+    return found[1] if float(np.hypot(*found[1])) > max(TILT_READ, SIGMA * std) else None
 
 
 def tilt_warning(presses: Sequence[PressEvidence]) -> str:
@@ -516,7 +507,7 @@ def tilt_warning(presses: Sequence[PressEvidence]) -> str:
     deeper = ("right" if right > 0 else "left") if abs(right) > abs(down) else "bottom" if down > 0 else "top"
     size, lever = float(np.hypot(right, down)), float(np.nanmedian([_lever_mm(one) for one in seen]))
     return (
-        f"All faces stand askew by {np.degrees(size):.2f} degrees, deeper at the {deeper}, whatever their depth: "
+        f"All faces are tilted by {np.degrees(size):.2f} degrees, deeper at the {deeper}, whatever their depth: "
         f"the indenter is tilted in its mount. Its bevel then tips by up to {1e3 * size * lever:.0f} µm, by which "
         "depths may be off beyond their intervals, and c and beta with them. Level the indenter."
     )
