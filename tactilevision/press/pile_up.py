@@ -189,10 +189,17 @@ def computed_pile_up(gel: Gel | None, indenter: Indenter, *, distance_mm: float)
     return PileUp(touch.rise_over_depth, touch.rise_over_depth_std)
 
 
-def blur_place(pile_up: PileUp, gel: Gel | None, *, indenter: Indenter, distance_mm: float) -> PileUp:
-    """Return the rise with its deviation where the bevel's place was found, to about its window."""
-    near, far = (computed_pile_up(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
-    if near is None or far is None:
+def pile_up_at_bevel(gel: Gel | None, indenter: Indenter, found_mm: float | None) -> PileUp | None:
+    """Return the rise at a bevel of stated distance, else at `found_mm`: then known to about its window."""
+    if indenter.bevel_distance_mm is not None:
+        return computed_pile_up(gel, indenter, distance_mm=mean_distance_mm(indenter.bevel_distance_mm))
+    if found_mm is None:
+        return None
+    near, pile_up, far = (
+        computed_pile_up(gel, indenter, distance_mm=mean_distance_mm(found_mm) + off)
+        for off in (-EDGE_MM, 0.0, EDGE_MM)
+    )
+    if near is None or pile_up is None or far is None:
         return pile_up
     return replace(pile_up, std=float(np.hypot(pile_up.std, 0.5 * (near.ratio - far.ratio))))
 
@@ -217,15 +224,8 @@ def depth_std(
 
 def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[str, PileUp]:
     """Return the pile-up at the bevel's edge of each press that was searched, by label."""
-    pile_ups = {}
-    for name, one in events.items():
-        distance, indenter = one.bevel_contact.distance_mm, one.bevel_contact.press_signal.track.indenter
-        at_mm = math.nan if distance is None else mean_distance_mm(distance)
-        pile_up = computed_pile_up(gel, indenter, distance_mm=at_mm)
-        if pile_up is None:
-            pile_ups[name] = unknown_pile_up()
-        elif one.bevel_contact.distance_given:
-            pile_ups[name] = pile_up
-        else:
-            pile_ups[name] = blur_place(pile_up, gel, indenter=indenter, distance_mm=at_mm)
-    return pile_ups
+    return {
+        name: pile_up_at_bevel(gel, one.bevel_contact.press_signal.track.indenter, one.bevel_contact.distance_mm)
+        or unknown_pile_up()
+        for name, one in events.items()
+    }

@@ -18,7 +18,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.press.certificate import Certificate
-from tactilevision.press.pile_up import SILICONE_STD, blur_place, computed_pile_up, depth_std, ring_gain_std
+from tactilevision.press.pile_up import SILICONE_STD, depth_std, pile_up_at_bevel, ring_gain_std
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.certified import CertifiedPoint
@@ -139,12 +139,9 @@ def fall_growth(views: Sequence[SurfaceView]) -> tuple[float, float]:
     depth, fall = np.array([pair for pair in pairs if np.isfinite(pair).all()]).reshape(-1, 2).T
     if len(depth) < MIN_PRESSES or depth.max() < MIN_SPAN * depth.min():
         return np.nan, np.nan
-    design = np.stack([np.ones_like(depth), depth - depth.min()], axis=1)
-    (start, slope), *_ = np.linalg.lstsq(design, fall, rcond=None)
-    scatter = np.sum((fall - design @ (start, slope)) ** 2) / (len(depth) - 2)
-    span = float(np.ptp(depth))
-    std = span * float(np.sqrt(scatter * np.linalg.inv(design.T @ design)[1, 1]))
-    return span * float(slope) / abs(float(start)), std / abs(float(start))
+    (slope, start), covariance = np.polyfit(depth - depth.min(), fall, 1, cov=True)
+    span = float(np.ptp(depth)) / abs(start)
+    return float(span * slope), float(span * np.sqrt(covariance[0, 0]))
 
 
 def shows_shadow(growth: float, std: float) -> bool:
@@ -153,10 +150,8 @@ def shows_shadow(growth: float, std: float) -> bool:
 
 
 def _fall_mm(view: SurfaceView) -> float:
-    rows, columns = view.depth_mm.shape
-    x = (np.arange(columns) - (columns - 1) / 2) * view.mm_per_px[0] - view.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * view.mm_per_px[1] - view.centre_mm[1]
-    beyond = np.hypot(x[None, :], y[:, None]) - view.radius_mm
+    x, y = _places(view.depth_mm.shape, view.mm_per_px, view.centre_mm)
+    beyond = np.hypot(x, y) - view.radius_mm
     near, far = (_ring(view, beyond, limits) for limits in (NEAR_MM, FAR_MM))
     return near - far
 
@@ -336,13 +331,10 @@ def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_rati
     points, scales = [], {}
     for point in certificate.points:
         indenter = recording.indenters[point.indenter]
-        distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
-        pile_up = computed_pile_up(known, indenter, distance_mm=distance)
+        pile_up = pile_up_at_bevel(known, indenter, certificate.bevel_distance_mm)
         if pile_up is None:
             points.append(point)
             continue
-        if indenter.bevel_distance_mm is None:
-            pile_up = blur_place(pile_up, known, indenter=indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)
         scale_std, tilt_std = point.details.travel_scale_std, point.details.tilt_std_mm
         std = depth_std(
