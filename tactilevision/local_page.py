@@ -18,18 +18,16 @@ from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from mimetypes import MimeTypes
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import parse_qs, urlsplit
 
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files.documents import parse_json
-from tactilevision.files.writing import as_json
+from tactilevision.files.writing import PAUSE_S, as_json
 
 LOCALHOST = "127.0.0.1"
 MAX_BODY = 65536  # bytes of a request; an action has less than a thousand
 TIMEOUT_S = 60  # s that a browser may take to send a request
-POLL_S = 0.05  # s between two checks whether the page is to close
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -86,7 +84,7 @@ class LocalPage(ABC):
         self.port = int(self._server.server_address[1])
         self.hosts = f"{LOCALHOST}:{self.port}", f"localhost:{self.port}"
         self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(POLL_S,), name="local page", daemon=True
+            target=self._server.serve_forever, args=(PAUSE_S,), name="local page", daemon=True
         )
 
     @abstractmethod
@@ -106,9 +104,7 @@ class LocalPage(ABC):
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *fault: object) -> None:
         self._server.shutdown()
         self._server.server_close()
 

@@ -21,7 +21,7 @@ from typing import Any
 from tactilevision.errors import OutputError, Terminated
 
 _UNFINISHED = ".unfinished-"  # prefix of a file being written; the number of its process follows
-PAUSE_S = 0.05  # s between two checks of a process that is ending
+PAUSE_S = 0.05  # s between two checks of a process or a page that is ending
 _STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
 _LONGEST = 60  # letters; usual disks hold names of 255 bytes
 

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
 from tactilevision.files.tiff import masked
 from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
@@ -98,18 +97,19 @@ def end_frames(scratch: Path, path: Path) -> None:
 
 @lru_cache(maxsize=16)
 def _codec(folder: str, made: tuple[int, int]) -> Any:
-    """Return the codec of a field's chunks. Raises InputError if zarr is missing."""
-    _zarr()
+    """Return the codec of a field's chunks."""
     import numcodecs  # type: ignore[import-untyped]  # comes with zarr
 
     return numcodecs.get_codec(json.loads((Path(folder) / ".zarray").read_text())["compressor"])
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    import zarr
+
     _codec.cache_clear()
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.parent.mkdir(parents=True, exist_ok=True)
-    group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
+    group = zarr.open_group(str(scratch), mode="w", zarr_format=2)
     group.attrs.update(dict(about))
     return group
 
@@ -138,7 +138,6 @@ def _old(path: Path) -> Path:
 @contextmanager
 def _own_threads() -> Iterator[None]:
     """End zarr's threads if they were started inside, so that workers can be forked (files/runs.py)."""
-    _zarr()
     if _loop_and_thread() is not None:  # started by others, who may be using them
         yield
         return
@@ -160,15 +159,3 @@ def _loop_and_thread() -> tuple[Any, Any] | None:
         if sync.loop[0] is not None and sync.iothread[0] is not None:
             return sync.loop[0], sync.iothread[0]
     return None
-
-
-def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError as fault:
-        raise InputError(
-            "the package zarr is not installed",
-            where="--format zarr",
-            remedy="pip install zarr, or choose another format.",
-        ) from fault
-    return zarr

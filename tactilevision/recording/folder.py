@@ -13,7 +13,7 @@ import numpy as np
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
-from tactilevision.recording.images import count_frames, stated_frames
+from tactilevision.recording.images import stated_frames
 from tactilevision.recording.layout import some
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import (
@@ -22,6 +22,7 @@ from tactilevision.recording.pictures import (
     find_flats,
     find_frames,
     first_look,
+    frame_names,
     list_images,
     most_sizes,
 )
@@ -187,14 +188,12 @@ def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
 
 
 def _names(root: Path) -> tuple[str, ...]:
-    if root.is_file() and root.suffix.lower() in layout.VIDEO_SUFFIXES:
-        return tuple(str(index) for index in range(count_frames(root)))
-    if root.is_file():
+    if root.is_file() and root.suffix.lower() not in layout.VIDEO_SUFFIXES:
         raise RecordingError("is neither a picture nor a video of a supported kind", where=root, remedy=_READ)
-    if not root.is_dir():
+    if not root.exists():
         raise RecordingError("there is no such folder of pictures, nor such a video", where=root)
-    names = tuple(list_images(root))
-    if not names:
+    names = frame_names(root)
+    if root.is_dir() and not names:
         raise RecordingError("the folder holds no pictures", where=root, remedy=_elsewhere(root) + _READ)
     return names
 

@@ -81,6 +81,11 @@ def find_frames(root: Path) -> Path | None:
     return found[0] if found else None
 
 
+def frame_names(path: Path) -> tuple[str, ...]:
+    """Return the names of all pictures of a folder, or the numbers of all frames of a video."""
+    return tuple(map(str, range(count_frames(path)))) if path.is_file() else tuple(list_images(path))
+
+
 def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     """Read frames.csv; return it and warnings of listed pictures that are missing and of unlisted ones.
 

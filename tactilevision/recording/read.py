@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,6 @@ import numpy.typing as npt
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout, pictures
-from tactilevision.recording.images import count_frames
 from tactilevision.recording.layout import some
 from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read_tables import (
@@ -369,36 +369,29 @@ def _named(root: Path, *names: str) -> bool:
 
 
 def _unlisted(frames_path: Path) -> tuple[tuple[str, ...], npt.NDArray[np.float64], tuple[str, ...]]:
-    if frames_path.is_file():
-        names = tuple(str(index) for index in range(count_frames(frames_path)))
-    else:
-        names = tuple(pictures.list_images(frames_path))
+    names = pictures.frame_names(frames_path)
     warning = f"{layout.FRAME_TABLE} is missing: frames are read in the order of their names, without times"
     return names, np.full(len(names), np.nan), (warning,)
 
 
 def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Recording:
     """Add the tables that exist."""
-    root, tables = recording.path, list[Table]()
-    found: dict[str, Any] = {}
-
-    def keep(name: str, read: tuple[Any, Table]) -> None:
-        found[name] = read[0]
-        tables.append(read[1])
-
-    if _named(root, layout.FORCES):
-        keep("forces", read_forces(root / layout.FORCES, settings.force, toml=toml))
+    root, found, tables = recording.path, dict[str, Any](), list[Table]()
+    readers: dict[str, tuple[str, Callable[[Path], tuple[Any, Table]]]] = {
+        "forces": (layout.FORCES, partial(read_forces, settings=settings.force, toml=toml)),
+        "presses": (layout.PRESSES, partial(read_presses, indenters=recording.indenters)),
+        "stage": (layout.STAGE, read_stage),
+        "curves": (layout.CURVES, read_curves),
+        "points": (layout.POINTS, partial(read_points, indenters=recording.indenters)),
+    }
+    for field, (name, read) in readers.items():
+        if _named(root, name):
+            found[field], table = read(root / name)
+            tables.append(table)
+    if "forces" in found:
         found["force_std_N"] = found["forces"].std_N
         if not settings.force.std_N:
             found["warnings"] = (f"{toml.name}: [force] std_N is missing: it was estimated from {layout.FORCES}",)
-    if _named(root, layout.PRESSES):
-        keep("presses", read_presses(root / layout.PRESSES, recording.indenters))
-    if _named(root, layout.STAGE):
-        keep("stage", read_stage(root / layout.STAGE))
-    if _named(root, layout.CURVES):
-        keep("curves", read_curves(root / layout.CURVES))
-    if _named(root, layout.POINTS):
-        keep("points", read_points(root / layout.POINTS, recording.indenters))
     notes = tuple(note for table in tables for note in table.warnings) + found.pop("warnings", ())
     extra = dict(recording.extra)
     for table in tables:
