@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.inputs.gather import observe_all
+from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured
 from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
@@ -69,7 +69,7 @@ def opened() -> Opened:
     """The sample as the command opens it."""
     recording = read_recording(SAMPLE)
     measured = Measured(recording, recording.points, recording.curves)
-    return Opened((SAMPLE,), (measured,), observe_all([measured]))
+    return Opened((SAMPLE,), (measured,), observe_curves([measured]))
 
 
 def act(bench: Bench, action: str) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fit.least_squares import Fit, Problem, inverse_information, linearise
+from calibration.fit.least_squares import Fit, Minimum, Problem, finish, linearise
 from calibration.inputs.checks import clear_of_touch
 from calibration.inputs.denoised_depth import nominal_depth, ways
 from calibration.inputs.observations import Observations
@@ -58,13 +58,9 @@ def _as_read(fitted: Fit, values: Floats, jacobian: Floats) -> Fit:
     """Return the fit with these values and its residual at depths as read; `jacobian` (n, f) of the minimum."""
     about, _ = linearise(fitted.model, values, data=fitted.data)
     problem = _at_depths(fitted, fitted.data, values)
-    rows = problem.residual(values[problem.free])
-    covariance = np.zeros((values.size,) * 2)
-    covariance[np.ix_(problem.free, problem.free)] = inverse_information(jacobian)
-    residual = fitted.data.normal_N - about.force_N
-    found = replace(fitted, values=values, covariance=covariance, jacobian=problem.jacobian(values), about=about)
-    white, chi2 = -rows[: fitted.data.size], float(rows @ rows)
-    return replace(found, force_N=about.force_N, residual_N=residual, white=white, chi2=chi2)
+    free_values = values[problem.free]
+    there = Minimum(free_values, problem.residual(free_values), jacobian, fitted.at_bound[problem.free])
+    return replace(finish(problem, there, fitted.noise, about), warnings=fitted.warnings)
 
 
 RATIOS = np.geomspace(0.1, 30, 30)  # depth's over force's std, tried, in units of 1 over the median slope

@@ -22,7 +22,7 @@ from calibration.model.stages import Parameter
 from calibration.noise.model import Linear, Noise, Whitener, base_noise
 from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records.constants import MICRO, TAILS95, TINY
+from tactilevision.records.constants import MICRO, NONZERO, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
@@ -307,7 +307,7 @@ def fit(
         points = values[None]
         if noise is None and turn < MAX_ITERATIONS - 1:
             current = _noise_of(problem, values, about, stated)
-    fitted = _finish(problem, found, current, about)
+    fitted = finish(problem, found, current, about)
     return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
 
 
@@ -400,7 +400,8 @@ def _starts(model: Model, data: Observations) -> Floats:
     return np.array(rows)
 
 
-def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fit:
+def finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fit:
+    """Return the fit of a problem at a minimum, with this noise, linear about it."""
     free, size = problem.free, problem.data.size
     values = problem.full(found.values)
     covariance = np.zeros((free.size, free.size))
@@ -413,6 +414,12 @@ def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fi
         covariance=covariance, force_N=about.force_N, residual_N=residual, white=-found.residual[:size],
         jacobian=problem.jacobian(values), noise=noise, about=about, chi2=found.chi2, at_bound=at_bound,
     )  # fmt: skip
+
+
+def unexplained(columns: Floats, values: Floats) -> Floats:
+    """Return the part of values (n,) or (n, k) that the columns (n, p) do not explain, in their unit."""
+    basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), NONZERO))
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def inverse_information(jacobian: Floats) -> Floats:

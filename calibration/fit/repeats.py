@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -98,27 +97,17 @@ def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise
 
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
     """Return -2 ln L plus the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
-    centre, cost = reml.log_sizes(fitted.noise), _costs(fitted, errors_N)
+    centre = reml.log_sizes(fitted.noise)
     places = centre + reml.stencil(centre.size)
-    return np.array(
-        [cost(reml.sized(fitted.noise, logs)) + reml.prior_cost(logs, trust=fitted.noise.trust) for logs in places]
-    )
-
-
-def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
-    """Return -2 log L (b,) of many residuals (N, b) as a function of the sizes."""
+    noises = [reml.sized(fitted.noise, logs) for logs in places]
     weighing = reml.Weighing(fitted.data, fitted.about, fitted.noise)
     columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
-    within, across = weighing.product(columns, columns), weighing.product(columns, errors)
-    squares = weighing.squares(errors)
-
-    def cost(noise: Noise) -> Floats:
-        information, seen = within.under(noise), across.under(noise)
-        explained = np.sum(seen * np.linalg.solve(information, seen), axis=0)
-        volume = weighing.log_volume(noise) + np.linalg.slogdet(information)[1]
-        return np.asarray(squares.under(noise) - explained + volume)
-
-    return cost
+    information = weighing.product(columns, columns).under_each(noises)
+    seen = weighing.product(columns, errors).under_each(noises)
+    explained = np.sum(seen * np.linalg.solve(information, seen), axis=1)
+    volume = weighing.log_volumes(noises) + np.linalg.slogdet(information)[1]
+    own = volume + [reml.prior_cost(logs, trust=fitted.noise.trust) for logs in places]
+    return np.asarray(weighing.squares(errors).under_each(noises) - explained + own[:, None])
 
 
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
@@ -134,19 +123,11 @@ def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
 
 
-@dataclass(frozen=True, slots=True)
-class PureError:
-    """Sum of squares within groups of equal conditions, of the whitened residual, and its degrees of freedom."""
-
-    squares: float
-    dof: int
-
-
-def pure_error(fitted: Fit, groups: Ints) -> PureError:
-    """Return the pure error of the whitened residual within `groups` (N,)."""
+def pure_error(residual: Floats, groups: Ints) -> tuple[float, int]:
+    """Return the sum of squares of a residual (N,) within groups (N,) of equal conditions, and its dof."""
     count = np.bincount(groups)
-    mean = np.bincount(groups, fitted.white) / np.maximum(count, 1)
-    return PureError(float(np.sum((fitted.white - mean[groups]) ** 2)), int(np.sum(np.maximum(count - 1, 0))))
+    mean = np.bincount(groups, residual) / np.maximum(count, 1)
+    return float(np.sum((residual - mean[groups]) ** 2)), int(np.sum(np.maximum(count - 1, 0)))
 
 
 def allow_for_indenters(fitted: Fit) -> Fit:
@@ -161,13 +142,13 @@ def allow_for_indenters(fitted: Fit) -> Fit:
     if data.is_curves or HEIGHTS in fitted.model.keys:
         return fitted
     groups = data.presses.indenter[data.press]
-    inside = pure_error(fitted, groups)
+    squares, dof = pure_error(fitted.white, groups)
     used = int(np.count_nonzero(fitted.free)) - sum(p.prior is not None for p in fitted.parameters if not p.fixed)
     between = np.unique(groups).size - used
-    if inside.dof < 3 or between < 1:
+    if dof < 3 or between < 1:
         return fitted
-    own, other = inside.squares / inside.dof, max(fitted.chi2 - inside.squares, 0.0) / between
-    if own <= 0 or fdtrc(between, inside.dof, other / own) > LEVEL:
+    own, other = squares / dof, max(fitted.chi2 - squares, 0.0) / between
+    if own <= 0 or fdtrc(between, dof, other / own) > LEVEL:
         return fitted
     ratio = max(other, 1.0)
     warning = (
@@ -202,7 +183,7 @@ def repeatability_rms(fitted: Fit) -> float:
     """
     data = fitted.data
     if not data.is_curves:
-        inside = pure_error(replace(fitted, white=fitted.residual_N), data.presses.indenter[data.press])
-        if inside.dof >= 3:
-            return float(np.sqrt(inside.squares / inside.dof))
+        squares, dof = pure_error(fitted.residual_N, data.presses.indenter[data.press])
+        if dof >= 3:
+            return float(np.sqrt(squares / dof))
     return float(np.sqrt(np.mean(fitted.noise.std_N(fitted.about) ** 2)))

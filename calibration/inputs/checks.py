@@ -138,8 +138,6 @@ def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
 
 def _gel(data: Observations) -> Iterator[InputError]:
     gel = data.gel
-    if not (np.isfinite(gel.thickness_mm) and gel.thickness_mm > 0):
-        yield InputError("the gel's thickness must be above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
     if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
         yield InputError(
             "Poisson's ratio lies in [0, 0.5)",
@@ -158,8 +156,6 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
             value=indenter.shape,
             remedy="Exclude its presses; `calibrate` fits balls and cones where there is no flat cylinder.",
         )
-    if shape != "cone" and not (np.isfinite(radius) and radius > 0):
-        yield InputError("an indenter's radius must be above 0 mm", where=where, value=radius)
     half = half_width(data)
     if shape == "flat_cylinder" and half is not None and radius >= half:
         yield InputError(

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.inputs.observations import Ints, Observations
+from calibration.inputs.observations import TYPICAL_ZERO_MM, Ints, Observations
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import mad_std
 
@@ -23,7 +23,7 @@ OFF_PLATEAU = 5  # std of a reading beyond which a sample is not of a plateau: s
 CORNER = 2.0  # std beyond which a plateau's end is of the ramp whose line it lies nearer to
 LINE = 4  # samples of a ramp that determine its line
 FINEST_MM = 2e-4  # mm, least std of a depth
-SAME_MM = 0.02  # mm, five press zeros: nearer depths may be one
+SAME_MM = 5 * TYPICAL_ZERO_MM  # nearer depths may be one
 COURSE = 4  # highest degree of a ramp's depth over time
 NEARLY_ALL = 0.9  # share of a ramp's readings near its polynomial
 SAMPLES_A_DEGREE = 4  # that each degree needs

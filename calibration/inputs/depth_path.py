@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,20 +16,6 @@ COMING_S = 1.0  # s, longer than any clock offset
 CORNERS = ((FREE, LOAD), (LOAD, HOLD), (HOLD, UNLOAD), (HOLD, FREE), (LOAD, UNLOAD), (UNLOAD, FREE))
 
 
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """Piecewise linear depth of all presses, one after the other: times and depths of corners and samples.
-
-    `begin_s` and `end_s` are the first and the last time of each press, `samples_s` the times of its samples.
-    """
-
-    time_s: Floats
-    depth_mm: Floats
-    begin_s: Floats
-    end_s: Floats
-    samples_s: Floats
-
-
 def depth_at(data: Observations, later_s: float) -> Floats:
     """Return the depth (N,) at each sample's time plus `later_s`.
 
@@ -37,14 +23,18 @@ def depth_at(data: Observations, later_s: float) -> Floats:
     of the samples would be wrong there by up to speed times the gap. Outside the samples the punch moves on at the
     press's speed where the press begins on its way in or ends on its way out; else it stands still.
     """
-    course, press = _course(data), data.press
-    asked = np.clip(course.samples_s + later_s, course.begin_s[press], course.end_s[press])
-    return np.asarray(np.interp(asked, course.time_s, course.depth_mm))
+    time_s, depth_mm, samples_s, (begin_s, end_s) = _course(data)
+    asked = np.clip(samples_s + later_s, begin_s[data.press], end_s[data.press])
+    return np.asarray(np.interp(asked, time_s, depth_mm))
 
 
 @by_times
-def _course(data: Observations) -> _Course:
-    """Return the piecewise linear depth."""
+def _course(data: Observations) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the piecewise linear depth of all presses, one after the other.
+
+    Times and depths of corners and samples (k,), times of the samples (N,), and the first and the last time of
+    each press (2, M).
+    """
     branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
     for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         time, depth = with_corners(
@@ -58,8 +48,8 @@ def _course(data: Observations) -> _Course:
         depths.append(depth)
         samples.append(data.time_s[one] - time[0] + after)
         after = float(times[-1][-1]) + COMING_S
-    ends = np.array([(time[0], time[-1]) for time in times])
-    return _Course(np.concatenate(times), np.concatenate(depths), ends[:, 0], ends[:, 1], np.concatenate(samples))
+    ends = np.array([(time[0], time[-1]) for time in times]).T
+    return np.concatenate(times), np.concatenate(depths), np.concatenate(samples), ends
 
 
 def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:

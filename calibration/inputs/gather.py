@@ -91,31 +91,33 @@ def finite_or(value: float | None, instead: float = 0.0) -> float:
 class _Touch:
     """One press before it enters the flat arrays."""
 
-    recording: int
-    indenter: Indenter
+    recording: Recording
+    number: int  # of the recording
     protocol: Press
     arrays: Mapping[str, Any]  # of its samples, by their names in Observations
-    dated_s: float  # begin by its date and time of day; NaN: unknown
     falls: tuple[EdgeDrop, ...] = ()
 
     @property
+    def indenter(self) -> Indenter:
+        """The indenter, as the recording describes it."""
+        return self.recording.indenters[self.protocol.indenter]
+
+    @property
     def time_s(self) -> Floats:
-        """Times of the samples."""
-        return np.asarray(self.arrays["time_s"])
+        """Times of the samples, since the epoch where the recording is dated."""
+        return np.asarray(self.arrays["time_s"] + _days_since_epoch(self.recording.date) * DAY_S)
 
     @property
     def begin_s(self) -> float:
         """Begin by its clock; by its date where there is no clock or one without days; else NaN."""
-        clock, days = float(self.time_s[0]), 1.5 * DAY_S
-        dated = np.isfinite(clock) and not (self.protocol.date and abs(clock - self.dated_s) > days)
-        return clock if dated else self.dated_s
+        clock, date = float(self.time_s[0]), self.protocol.date or self.recording.date
+        dated = _days_since_epoch(date) * DAY_S + finite_or(self.protocol.time_of_day_s) if date else NAN
+        right = np.isfinite(clock) and not (self.protocol.date and abs(clock - dated) > 1.5 * DAY_S)
+        return clock if right else dated
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
-    """Return the accepted points of one or several recordings, one sample a press.
-
-    Raises InputError where an indenter is not described or a number is not finite.
-    """
+    """Return the accepted points of one or several recordings, one sample a press."""
     sets = as_sets(measured)
     return _gather(sets, [t for k, m in enumerate(sets) for t in _point_touches(m, k)])
 
@@ -123,37 +125,30 @@ def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
 def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
     """Return every finite sample of the curves of one or several recordings.
 
-    Raises InputError where an indenter is not described or a press holds no finite sample.
+    Raises InputError where a press is not listed or holds no finite sample.
     """
     sets = as_sets(measured)
     return _gather(sets, [t for k, m in enumerate(sets) for t in _curve_touches(m, k)])
-
-
-def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
-    """Return the curves of these recordings; the accepted points where no recording has curves."""
-    sets = as_sets(measured)
-    return observe_curves(sets) if any(m.curves for m in sets) else observe_points(sets)
 
 
 def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
     recording = measured.recording
     protocol = {p.press: p for p in recording.presses}
     for point in (one for one in measured.points if one.accepted):
-        indenter = _indenter(recording, point.indenter, point.press)
         row = _merge(protocol.get(point.press), point)
         samples = {
             "time_s": [point.time_s],
-            "depth_mm": [_finite(point)],
+            "depth_mm": [point.depth_mm],
             "force_N": [[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]],
             "phase": ["load"],
             "temperature_C": [row.temperature_C],
-            "depth_std_mm": [own_depth_std(point, indenter, recording=recording)],
+            "depth_std_mm": [own_depth_std(point, recording.indenters[row.indenter], recording=recording)],
             "force_std_N": [point.fz_std_N],
             "reconstructed_mm": [point.details.reconstructed_depth_mm],
             "reconstructed_std_mm": [point.details.reconstructed_std_mm],
         }
         arrays = {name: np.array(values) for name, values in samples.items()}
-        yield _touch(recording, number, row, indenter, arrays, tuple(_falls(point, number)))
+        yield _Touch(recording, number, row, arrays, tuple(_falls(point, number)))
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
@@ -190,23 +185,7 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             "reconstructed_mm": recorded("reconstructed_depth_mm", NAN),
             "reconstructed_std_mm": recorded("", NAN),
         }
-        indenter = _indenter(recording, row.indenter, curve.press)
-        yield _touch(recording, number, row, indenter, arrays)
-
-
-def _touch(
-    recording: Recording,
-    number: int,
-    row: Press,
-    indenter: Indenter,
-    arrays: Mapping[str, Any],
-    falls: tuple[EdgeDrop, ...] = (),
-) -> _Touch:
-    """Return one press, its times since the epoch where the recording is dated."""
-    times = arrays["time_s"] + _days_since_epoch(recording.date) * DAY_S
-    date = row.date or recording.date
-    dated = _days_since_epoch(date) * DAY_S + finite_or(row.time_of_day_s) if date else NAN
-    return _Touch(number, indenter, row, {**arrays, "time_s": times}, dated, falls)
+        yield _Touch(recording, number, row, arrays)
 
 
 def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:
@@ -214,7 +193,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         raise InputError("there is no press to fit", remedy="Hand in accepted points, or curves.")
     gel = _one_gel([m.recording for m in sets])
     touches = sorted(
-        touches, key=lambda t: (finite_or(t.begin_s, math.inf), t.recording, finite_or(t.time_s[0], math.inf))
+        touches, key=lambda t: (finite_or(t.begin_s, math.inf), t.number, finite_or(t.time_s[0], math.inf))
     )
     origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
     indenters = list(dict.fromkeys(t.indenter for t in touches))
@@ -230,7 +209,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         presses=_presses(touches, indenters, origin),
         press=np.repeat(np.arange(len(touches)), sizes),
         **{name: joined(name) for name in OF_SAMPLES if name != "time_s"},
-        time_s=joined("time_s") - origin,
+        time_s=np.concatenate([t.time_s for t in touches]) - origin,
         depth_source=depth_source(sets),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
@@ -254,7 +233,7 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
     speed = np.where(np.isfinite(speed), speed, [_speed(t) for t in touches])
     return Presses(
         label=tuple(t.protocol.press for t in touches),
-        recording=np.array([t.recording for t in touches]),
+        recording=np.array([t.number for t in touches]),
         indenter=np.array([indenters.index(t.indenter) for t in touches]),
         radius_mm=np.array([t.indenter.radius_mm for t in touches]),
         rest_s=rest,
@@ -280,16 +259,13 @@ def _speed(touch: _Touch) -> float:
 def _day(touch: _Touch, origin: float) -> float:
     if np.isfinite(touch.begin_s):
         return (touch.begin_s - origin) / DAY_S
-    return 0.0 if touch.recording == 0 else NAN
+    return 0.0 if touch.number == 0 else NAN
 
 
 def _days_since_epoch(date: object) -> float:
     """Return the days of a date, a datetime or an ISO text; 0 where there is none."""
     if isinstance(date, str) and date:
-        try:
-            date = datetime.date.fromisoformat(date[:10])
-        except ValueError as fault:
-            raise InputError("a date is written YYYY-MM-DD", where="date", value=date) from fault
+        date = datetime.date.fromisoformat(date[:10])
     return float(date.toordinal()) if isinstance(date, datetime.date) else 0.0
 
 
@@ -313,17 +289,6 @@ def _one_gel(recordings: Sequence[Recording]) -> Gel:
     return first
 
 
-def _indenter(recording: Recording, name: str, press: str) -> Indenter:
-    if name not in recording.indenters:
-        raise InputError(
-            "an indenter is named but not described",
-            where=f"press {press}",
-            value=name,
-            remedy=f"Add [indenter.{name}] to recording.toml.",
-        )
-    return recording.indenters[name]
-
-
 def _only_indenter(recording: Recording, press: str) -> Press:
     if len(recording.indenters) != 1:
         raise InputError(
@@ -340,13 +305,3 @@ def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     stated = ("rest_s", "speed_mm_s", "x_mm", "y_mm", "temperature_C", "lubricated", "hold_s")
     own = {name: getattr(point, name) for name in stated}
     return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
-
-
-def _finite(point: CertifiedPoint) -> float:
-    if not (np.isfinite(point.depth_mm) and np.isfinite(point.fz_N)):
-        raise InputError(
-            "an accepted point needs a depth and a force",
-            where=f"press {point.press}",
-            value=(point.depth_mm, point.fz_N),
-        )
-    return point.depth_mm

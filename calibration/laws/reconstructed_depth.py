@@ -22,7 +22,7 @@ from tactilevision.records.rig import Gel
 
 READ_STD_MM = 0.001  # std of a fall: camera noise in the mean over a quarter of a ring; its scale is estimated
 FACE_STD = 0.02  # relative std of a face behind its walls, from press to press
-MIN_MM = 0.004  # least expected fall: below it READ_STD_MM is a quarter
+MIN_MM = 4 * READ_STD_MM  # least expected fall
 UNSTATED_NU_STD = 0.015  # std of nu where none is stated: silicones lie in .45 to .4999
 HIGHEST_NU = 0.499  # end of the profile's table
 NEAR = 0.55  # of the radius: gel falls by more there than slopes are off by; farther out only of shaded presses

@@ -18,6 +18,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.layer import layer_compliance
+from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.tables.punch import force_ratio
 from tactilevision.mechanics.tables.table import Table, shipped_table
 from tactilevision.records.constants import MICRO, NU_MAX, NU_NOMINAL
@@ -175,7 +176,7 @@ def sticking_surplus(poisson_ratio: float, a_over_h: float) -> float:
     nu is clipped to [0, .4999] and a/h to [.05, 5].
     """
     nu = min(max(poisson_ratio, 0.0), NU_MAX)
-    return max(float(_spline(round(min(max(a_over_h, RATIO_RANGE[0]), 5), 3))(nu)), 0.0)
+    return max(float(_spline(round(min(max(a_over_h, A_OVER_H_RANGE[0]), 5), 3))(nu)), 0.0)
 
 
 @lru_cache(maxsize=128)
@@ -224,9 +225,6 @@ def _transforms() -> tuple[Floats, Floats, Floats, Floats]:
     return xi, weight, spherical_jn(order, xi), spherical_jn(order + 1, xi)
 
 
-RATIO_RANGE: Pair = (0.05, 10)  # a/h of kappa's table
-
-
 def punch_stiffness(
     modulus_MPa: float, poisson_ratio: float, *, radius_mm: Floats, thickness_mm: Floats | float
 ) -> Floats:
@@ -238,7 +236,7 @@ def punch_stiffness(
     error.
     """
     nu = float(np.clip(poisson_ratio, 0, NU_MAX))
-    ratio = np.clip(radius_mm / thickness_mm, *RATIO_RANGE)
+    ratio = np.clip(radius_mm / thickness_mm, *A_OVER_H_RANGE)
     kappa = _kappa(nu, ratio.tobytes())
     return np.asarray(2 * radius_mm * modulus_MPa * kappa / (1 - nu**2))
 
