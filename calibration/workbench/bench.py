@@ -200,20 +200,12 @@ Export = Callable[["Shown", Opened, Path], Path]
 
 
 @dataclass(frozen=True, slots=True)
-class Sides:
-    """Two states side by side."""
-
-    names: tuple[str, str]
-    fitted: tuple[Fitted, Fitted]
-
-
-@dataclass(frozen=True, slots=True)
 class Shown:
     """Immutable content of the page.
 
     `busy`: the current work since `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`:
     None while the diagnosis runs with its step in `asking`; `troubled`: why there is none; `sides`: two states to
-    compare; `weeks`: each of several recordings alone; `changed`: changes of the files since.
+    compare, by name; `weeks`: each of several recordings alone; `changed`: changes of the files since.
     """
 
     version: int
@@ -229,7 +221,7 @@ class Shown:
     notice: str = ""
     saved: str = ""
     changed: str = ""
-    sides: Sides | None = None
+    sides: tuple[tuple[str, Fitted], ...] = ()
     weeks: tuple[HistoryRow, ...] = ()
 
     @property
@@ -410,7 +402,7 @@ class Bench:
             asking="",
             troubled="",
             saved="",
-            sides=None,
+            sides=(),
         )
 
     @staticmethod
@@ -464,14 +456,13 @@ class Bench:
         table = tuple(analysis.fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
         self._keep_look(self._place(shown.history), table)
 
-    def _side_by_side(self, value: str) -> Sides | None:
-        """Return two states by their names, one a line; None for other texts."""
+    def _side_by_side(self, value: str) -> tuple[tuple[str, Fitted], ...]:
+        """Return two states by their names, one a line; nothing for other texts."""
         names = value.splitlines()
         if len(names) != 2:
-            return None
+            return ()
         states = [named_state(self._shown.history, name) for name in names]
-        first, second = (self._completed(state) for state in states)
-        return Sides((names[0], names[1]), (first, second))
+        return tuple((name, self._completed(state)) for name, state in zip(names, states, strict=True))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
         if not self._asks or shown.now is None or self._known[place].verdict or self._asked is not None:

@@ -19,6 +19,7 @@ from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Evidence
+from tactilevision.recording.layout import some
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import NU_SILICONE
@@ -187,5 +188,4 @@ def what_changed(opened: Opened) -> str:
 
 def _few(names: Sequence[str]) -> str:
     """Return the files by name, the first few of many."""
-    shown = ", ".join(Path(name).name for name in names[:3])
-    return f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} {'is' if len(names) == 1 else 'are'}"
+    return f"{some([Path(name).name for name in names])} {'is' if len(names) == 1 else 'are'}"

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import cv2
@@ -76,7 +75,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
             for one in kept.labels
         ],
         "weeks": [_week(row) for row in shown.weeks],
-        "sides": None if shown.sides is None else _sides(shown),
+        "sides": _sides(shown) if shown.sides else None,
     }
 
 
@@ -85,8 +84,8 @@ def _model_number(shown: Shown) -> str:
     if shown.now is None:
         return ""
     keys = "+".join(step.key for step in shown.history.steps)
-    names = () if shown.sides is None else shown.sides.names
-    return f"{keys}-{','.join(shown.history.left_out)}-{'|'.join(names)}-{shown.now.rng is not None}"
+    names = "|".join(name for name, _ in shown.sides)
+    return f"{keys}-{','.join(shown.history.left_out)}-{names}-{shown.now.rng is not None}"
 
 
 def _verdict(shown: Shown) -> dict[str, Any]:
@@ -291,8 +290,7 @@ def _week(row: HistoryRow) -> dict[str, Any]:
 
 def _sides(shown: Shown) -> dict[str, Any]:
     """Return effects, errors and material of two states, a row a quantity."""
-    assert shown.sides is not None
-    lasts = [one.found.models[-1] for one in shown.sides.fitted]
+    lasts = [one.found.models[-1] for _, one in shown.sides]
     rows = [
         ["effects", *(", ".join(in_words(key) for key in one.effects) or "none" for one in lasts)],
         ["presses fitted", *(str(one.fitted.data.count) for one in lasts)],
@@ -301,7 +299,7 @@ def _sides(shown: Shown) -> dict[str, Any]:
     ]
     for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
         rows.append([title, *(_of_gel(one.material, name) for one in lasts)])
-    return {"names": list(shown.sides.names), "rows": rows}
+    return {"names": [name for name, _ in shown.sides], "rows": rows}
 
 
 def curve_view(shown: Shown) -> dict[str, Any]:
@@ -322,8 +320,8 @@ def curve_view(shown: Shown) -> dict[str, Any]:
 
 def _shown_models(shown: Shown) -> dict[str, Compared]:
     """Return the two models to show: two states side by side, else the base model and the current one."""
-    if shown.sides is not None:
-        return {n: f.found.models[-1] for n, f in zip(shown.sides.names, shown.sides.fitted, strict=True)}
+    if shown.sides:
+        return {name: fitted.found.models[-1] for name, fitted in shown.sides}
     if shown.now is None:
         return {}
     models = shown.now.found.models
@@ -482,11 +480,9 @@ class Server(LocalPage):
         files = page_files(Path(__file__).parent / "page") | {PLOTLY: script}
         super().__init__(files, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
 
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *fault: object) -> None:
         self.bench.end()
-        super().__exit__(kind, fault, trace)
+        super().__exit__(*fault)
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
         return ANSWERS[name](self.bench, asked) if name in ANSWERS else None

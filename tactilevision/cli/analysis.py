@@ -17,7 +17,7 @@ from calibration.inputs.deadline import Deadline
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
 from calibration.report.report import column
-from calibration.tasks.compare import Compared
+from calibration.tasks.compare import Compared, as_comparison
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened, file_marks
@@ -28,7 +28,6 @@ from tactilevision.errors import InputError
 from tactilevision.pipeline import (
     CertifiedRecording,
     certify_recordings,
-    compare_recordings,
     diagnose_recording,
     observed,
     sharpest_poisson_ratio,
@@ -72,7 +71,7 @@ def diagnose(
     files = sure_files | own_files
     steps = [Step(one.key, files.get(one.key, "")) for one in sure]
     asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, applied=apply)
-    history = _history_of(asked, [*steps, *folders.steps_of_diagnosis(found, files)])
+    history = _history_of(asked, [*steps, *steps_of_comparison(as_comparison(found), files)])
     commands = folders.commands_after_diagnosis(found, asked, files)
     content = folders.write_diagnosis(
         found, taken, history, out=out, form=form, private=own, commands=commands, listener=console
@@ -123,20 +122,16 @@ def compare(
     deadline = Deadline.after(time_limit)
     asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, left_out=tuple(left_out or ()))
     effects, files = folders.named_effects(chosen)
-    taken = certify_recordings(recordings, scale_doubt=False, listener=console)
-    found = compare_recordings(
-        taken, effects, left_out=asked.left_out, prior=prior, seed=seed, deadline=deadline, listener=console
-    )
+    found = folders.compare_as(asked, effects, deadline=deadline, listener=console)
     commands = folders.commands_after_comparison(found, asked, files)
     history = _history_of(asked, steps_of_comparison(found, files))
-    title = "Comparison of " + ", ".join(one.recording.name for one in taken)
-    folders.write_comparison(found, history, title=title, out=out, form=form, try_next=commands, listener=console)
+    folders.write_comparison(found, history, out=out, form=form, try_next=commands, listener=console)
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
     console.warn(excluded)
     console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
     console.say(*excluded, *(f"{words}: {text}" for words, text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
-    console.hand_over(folders.comparison_content(found), json)
+    console.hand_over(found.as_json(), json)
 
 
 def _picture_line(model: Compared) -> str:
@@ -270,6 +265,5 @@ def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     found = replace(shown.now.found, suggested=shown.suggested)
     history = replace(shown.history, applied=True)
     commands = folders.commands_after_comparison(found, history, opened.files)
-    title = f"Comparison of {opened.title}"
-    folders.write_comparison(found, history, title=title, out=out, try_next=commands, listener=console)
+    folders.write_comparison(found, history, out=out, try_next=commands, listener=console)
     return out / "report.html"

@@ -10,7 +10,16 @@ import typer
 
 from calibration.report.report import summary
 from calibration.result.result import in_words
-from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, design_of, faces_of, plan as find_plan
+from calibration.tasks.plan import (
+    Design,
+    Forecast,
+    Goal,
+    Margin,
+    Plan,
+    design_of,
+    faces_of,
+    plan as find_plan,
+)
 from tactilevision.batch.tree import find_recordings
 from tactilevision.cli import console
 from tactilevision.errors import InputError
@@ -66,9 +75,7 @@ Size = Annotated[float | None, typer.Option(help="A length in mm; omitted: as th
 
 
 def plan(
-    recording: Annotated[
-        Path | None, typer.Argument(metavar="[RECORDING]", help="Takes gel, indenters and noise from its files.")
-    ] = None,
+    recording: Annotated[Path | None, typer.Argument(help="Its files state gel, indenters and noise.")] = None,
     radius: Numbers = None,
     heights: Numbers = None,
     thickness: Size = None,
@@ -78,13 +85,9 @@ def plan(
     height_std: Size = None,
     modulus: Range = None,
     poisson_ratio: Range = None,
-    poisson_ratio_std: Annotated[
-        float | None, typer.Option(help="nu is known beforehand with this std; omitted: it is not.")
-    ] = None,
+    poisson_ratio_std: Annotated[float | None, typer.Option(help="nu is known beforehand with this std.")] = None,
     lubricated: Annotated[bool, typer.Option("--lubricated", help="The presses will be.")] = False,
-    repeats: Annotated[
-        int | None, typer.Option(help="Presses of each height as given; omitted: the recording's, or 3.")
-    ] = None,
+    repeats: Annotated[int | None, typer.Option(help="Presses of each height; the recording's, or 3.")] = None,
     depth_noise: Annotated[float | None, typer.Option(help="Std of one press's depth, mm.")] = None,
     force_noise: Annotated[float | None, typer.Option(help="Std of one press's force, N.")] = None,
     gain_noise: Annotated[float | None, typer.Option(help="Std of one press's force, percent of it.")] = None,
@@ -98,27 +101,16 @@ def plan(
     Give --radius, --heights and --thickness, or a RECORDING that states them.
     """
     usual = _usual(recording, thickness)
-    guess = _range("--poisson-ratio", poisson_ratio, usual.poisson_ratio)
     faces = faces_of(usual, console.numbers("--radius", radius), console.numbers("--heights", heights))
-    stated = {"edge_radius_mm": edge_radius, "height_std_mm": height_std}
-    design = console.stated(
-        usual,
-        gel=console.stated(
-            usual.gel,
-            thickness_mm=thickness,
-            thickness_std_mm=thickness_std,
-            shape=None if pad_radius is None else "disc",
-            radius_mm=pad_radius,
-            poisson_ratio=None if poisson_ratio_std is None else sum(guess) / 2,
-            poisson_ratio_std=poisson_ratio_std,
-        ),
-        indenters=tuple(console.stated(face, **stated) for face in faces),
+    gel = {"thickness_mm": thickness, "thickness_std_mm": thickness_std, "radius_mm": pad_radius}
+    design = usual.with_stated(
+        faces,
+        gel=gel | {"poisson_ratio_std": poisson_ratio_std},
+        each_face={"edge_radius_mm": edge_radius, "height_std_mm": height_std},
+        noise={"depth_std_mm": depth_noise, "force_std_N": force_noise, "gain": _share(gain_noise)},
         repeats=repeats,
-        youngs_modulus_MPa=_range("--modulus", modulus, usual.youngs_modulus_MPa),
-        poisson_ratio=guess,
-        noise=console.stated(
-            usual.noise, depth_std_mm=depth_noise, force_std_N=force_noise, gain=_share(gain_noise)
-        ),
+        youngs_modulus_MPa=_range("--modulus", modulus),
+        poisson_ratio=_range("--poisson-ratio", poisson_ratio),
         lubricated=lubricated or None,
     )
     found = find_plan(design, goal=Goal(within / 100, within_nu, _share(within_c)))
@@ -144,11 +136,11 @@ def _share(percent: float | None) -> float | None:
     return None if percent is None else percent / 100
 
 
-def _range(name: str, text: str | None, usual: Pair) -> Pair:
+def _range(name: str, text: str | None) -> Pair | None:
     numbers = console.numbers(name, text)
     if len(numbers) > 2:
         raise InputError("one number, or the two ends of a range, are needed", where=name, value=text)
-    return (numbers[0], numbers[-1]) if numbers else usual
+    return (numbers[0], numbers[-1]) if numbers else None
 
 
 def _report(found: Plan) -> Iterator[str]:

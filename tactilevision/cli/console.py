@@ -7,10 +7,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from errno import ENOSPC
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO, TypeVar
+from typing import Annotated, Any, Literal, TextIO
 
 import typer
 
@@ -64,14 +63,6 @@ def numbers(name: str, text: str | None) -> tuple[float, ...]:
         return () if text is None else tuple(sorted({float(part) for part in text.split(",")}))
     except ValueError as fault:
         raise InputError("numbers with commas between are needed", where=name, value=text) from fault
-
-
-Record = TypeVar("Record")
-
-
-def stated(record: Record, **values: Any) -> Record:
-    """Return the record with those of the values that are stated, not None."""
-    return replace(record, **{name: value for name, value in values.items() if value is not None})  # type: ignore[type-var]
 
 
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal

@@ -185,6 +185,14 @@ def force(
         offset_s = None if calibration is None else read_clock_offset(calibration)
         how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
         rows = force_folder(recording, job, progress=progress, **how)
+    content = _say_forces(recording, job, rows, out, most=pictures)
+    console.hand_over(content | {"material": material.as_json()}, json)
+
+
+def _say_forces(
+    recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], out: Path, *, most: int
+) -> dict[str, Any]:
+    """Print, draw and return the summary of the forces, and write the comparison with measured ones."""
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
@@ -194,17 +202,15 @@ def force(
     written = comparison.write_comparison(recording, rows, folder=out / "beside")
     if written is not None:
         console.say(f"  `tactilevision diagnose {written}` examines the difference of depth and force")
-    content = {
+    return {
         "frames": len(rows),
         "read": len(read),
-        "material": material.as_json(),
         "faces_certified": job.anchor.depth_scale is not None,
         "warnings": list(job.reconstructor.warnings),
         "shear": shear,
         "measured": measured,
-        "sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=pictures),
+        "sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=most),
     }
-    console.hand_over(content, json)
 
 
 def _material(chosen: source.Choice, calibration: Path | None) -> Material:

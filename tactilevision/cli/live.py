@@ -42,24 +42,16 @@ def live(
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
     even_so: source.EvenSoOption = False,
-    indenter: Annotated[
-        str | None, typer.Option(help="Look for the face of this indenter of the profile.")
-    ] = None,
+    indenter: Annotated[str | None, typer.Option(help="Look for the face of this indenter.")] = None,
     form: Annotated[
         Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Format of the camera's frames.")
     ] = None,
     rate: Annotated[float, typer.Option(min=0.1, help="Frames a second of a video or folder.")] = 30,
-    every: Annotated[
-        bool, typer.Option("--every", help="Read every frame of a video or folder, however long it takes.")
-    ] = False,
+    every: Annotated[bool, typer.Option("--every", help="Drop no frame of a video or folder.")] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
-    preview: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Serve a page on this local port; 0: a free one.")
-    ] = None,
-    foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="Serve Foxglove on this machine: pictures, maps, wrench.")
-    ] = False,
+    preview: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of a page; 0: a free one.")] = None,
+    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove: pictures, maps, wrench.")] = False,
     mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for live.csv; made if missing.")] = None,
     json: console.JsonOption = None,

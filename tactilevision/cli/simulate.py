@@ -17,12 +17,14 @@ from tactilevision.cli import console
 from tactilevision.cluster.pool import cluster_pool
 from tactilevision.errors import InputError, check_known
 from tactilevision.files.runs import worker_pool
+from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.tables.cases import Grid
 from tactilevision.mechanics.tables.solve import LAWS, tabulate as solve
 from tactilevision.mechanics.tables.table import merge
 from tactilevision.pipeline import validate_recording
 from tactilevision.recording import layout
 from tactilevision.records.constants import NU_MAX
+from tactilevision.records.rig import stated
 from tactilevision.result_folders import CALIBRATION, write_validation
 from tactilevision.synthetic.lights import SHADOW_STRIP_MM
 from tactilevision.synthetic.options import SimulationOptions
@@ -47,10 +49,10 @@ def simulate(
 ) -> None:
     """Simulate a recording: gel, camera, rig and their faults; truth.toml says what was put in."""
     usual = SimulationOptions()
-    options = console.stated(
+    options = stated(
         usual,
         frames=frames,
-        gel=console.stated(usual.gel, youngs_modulus_MPa=youngs_modulus, poisson_ratio=poisson_ratio),
+        gel=stated(usual.gel, youngs_modulus_MPa=youngs_modulus, poisson_ratio=poisson_ratio),
         camera=replace(usual.camera, markers=markers, shadow_strip_mm=SHADOW_STRIP_MM if shadows else None),
         presses=presses,
         faults=None if faults else (),
@@ -109,7 +111,7 @@ def _grid(
         laws=laws,
         frictions=_within("--friction", friction, usual.frictions, (0.0, math.inf)),
         poisson_ratios=_within("--poisson-ratio", poisson_ratio, usual.poisson_ratios, (0.0, NU_MAX)),
-        a_over_h=_within("--a-over-h", a_over_h, usual.a_over_h, (0.05, 3)),
+        a_over_h=_within("--a-over-h", a_over_h, usual.a_over_h, (A_OVER_H_RANGE[0], 3)),
         edges_over_h=_within("--edge-over-h", edge_over_h, usual.edges_over_h, (1e-3, 0.2)),
     )
 

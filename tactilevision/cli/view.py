@@ -35,6 +35,8 @@ from tactilevision.records.constants import KILO
 from tactilevision.records.maps import MEANING, Frame, HeightMap
 from tactilevision.records.measured import Bytes
 
+Singles = npt.NDArray[np.float32]
+
 
 def view(
     path: Annotated[
@@ -42,11 +44,9 @@ def view(
     ],
     out: console.OutOption = Path("view_out"),
     frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if omitted.")] = None,
-    minus: Annotated[
-        str | None, typer.Option(help="Another frame's name, or depth TIFF: also draw the difference to it.")
-    ] = None,
+    minus: Annotated[str | None, typer.Option(help="Also draw the difference to this frame or TIFF.")] = None,
     film: Annotated[
-        str | None, typer.Option(help="Film this press, or FIRST:LAST frame, or `all`; an MP4, else a GIF.")
+        str | None, typer.Option(help="Film a press, FIRST:LAST frame or `all` to MP4 or GIF.")
     ] = None,
     export: Annotated[
         list[str] | None, typer.Option(help="Also write the map as tiff, npz, zarr, ply or vtk (repeatable).")
@@ -55,9 +55,7 @@ def view(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
-    terms: Annotated[
-        bool, typer.Option("--terms", help="Also draw the largest term of the depth's deviation at each place.")
-    ] = False,
+    terms: Annotated[bool, typer.Option("--terms", help="Also draw the largest term of the deviation.")] = False,
     html: Annotated[bool, typer.Option("--html", help="Also write a page with a surface to turn.")] = False,
     window: Annotated[
         bool, typer.Option("--window", help="Open a window: frames, profiles by mouse, differences, 3-D.")
@@ -71,12 +69,10 @@ def view(
     height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
     other = None if minus is None else _other(minus, opened, mm_per_px)
-    figures = _draw(height, rgb, other)
-    if terms:
-        figures["terms"] = draw.draw_terms(height, _terms(height, opened))
+    figures = _draw(height, rgb, other, _terms(height, opened) if terms else None)
     for written in _write(figures, height, out, html=html, forms=export or []):
         console.say(f"wrote {written}")
-    if film is not None and isinstance(opened, _Opened):
+    if film is not None:
         console.say(f"wrote {_film(opened, film, filmed, out)}")
     if window:
         maps, number = (lambda n: opened.named(opened.names[n])[0]), opened.number(height.name)
@@ -106,7 +102,9 @@ def _check(forms: list[str], *, screen: bool) -> None:
         check_known(form, EXPORTS, what=UNKNOWN, where="--export")
 
 
-def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:
+def _draw(
+    height: HeightMap, rgb: Bytes | None, other: HeightMap | None, terms: Mapping[str, Singles] | None
+) -> dict[str, Figure]:
     figures = {
         "depth": draw.draw_height(height),
         "surface": draw.draw_surface(height),
@@ -117,10 +115,12 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
     if other is not None:
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
+    if terms is not None:
+        figures["terms"] = draw.draw_terms(height, terms)
     return figures
 
 
-def _terms(height: HeightMap, opened: _Opened | Maps) -> dict[str, npt.NDArray[np.float32]]:
+def _terms(height: HeightMap, opened: _Opened | Maps) -> Mapping[str, Singles]:
     """Return the terms of a map's deviation, and print their rms. Raises InputError where they are not known."""
     found = opened.read(height.name).terms_mm() if isinstance(opened, _Opened) else {}
     if not found:
@@ -185,7 +185,8 @@ def _filmed(opened: _Opened | Maps, what: str) -> list[int]:
     return frames_of(opened.recording, what)
 
 
-def _film(opened: _Opened, what: str, numbers: list[int], out: Path) -> Path:
+def _film(opened: _Opened | Maps, what: str, numbers: list[int], out: Path) -> Path:
+    assert isinstance(opened, _Opened)  # `_filmed` has found frames
     recording, readings, shots = opened.recording, Readings(opened.recording), []
     part = replace(
         recording,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians, tan
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Pair, Picture
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,3 +134,11 @@ class ShadowZone:
 
 
 SHADOW_ZONE = ShadowZone()
+
+
+Record = TypeVar("Record", bound="DataclassInstance")
+
+
+def stated(record: Record, **values: Any) -> Record:
+    """Return the record with those of the values that are stated, not None."""
+    return replace(record, **{name: value for name, value in values.items() if value is not None})

@@ -132,7 +132,7 @@ def test_states_have_names_and_stand_side_by_side(made: Bench) -> None:
     assert view["names"] == ["base model", "with zero"]
     assert ["effects", "none", "depth zero"] in view["rows"]
     assert curve_view(shown)["models"] == ["base model", "with zero"]
-    assert do(made, "sides", "").sides is None
+    assert not do(made, "sides", "").sides
     shown = do(made, "restore", "with zero")
     assert [step.key for step in shown.history.steps] == ["depth_zero"]
 
