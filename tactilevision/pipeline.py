@@ -10,30 +10,40 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
+import numpy as np
+
+from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
+from calibration.inputs.gather import observe_curves
+from calibration.inputs.observations import Measured, Observations, leave_out
+from calibration.model.stages import Effect, Law
+from calibration.result.result import CalibrationResult, unfixed_as_json
+from calibration.tasks.calibrate import calibrate, observe
+from calibration.tasks.compare import Comparison, compare
+from calibration.tasks.diagnose import diagnose
+from calibration.tasks.validate import Validation, middle_material, validate
+from tactilevision.cluster.pool import cluster_pool, step_pool
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
+from tactilevision.force.calibrated import read_material
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.press.certificate import Certificate
+from tactilevision.press.certification import certify, require_all
+from tactilevision.press.poisson_from_rise import with_nu
+from tactilevision.recording.model import Recording, require
+from tactilevision.recording.read import read_recording
+from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_SILICONE
+from tactilevision.records.measured import Estimate
 
 if TYPE_CHECKING:
-    from calibration.diagnosis.diagnosis import Diagnosis
-    from calibration.inputs.observations import Measured, Observations
-    from calibration.model.stages import Effect, Law
     from calibration.report.drawing import ResidualMap
-    from calibration.result.result import CalibrationResult
-    from calibration.tasks.compare import Comparison
-    from calibration.tasks.validate import Validation
-    from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.press.certificate import Certificate
-    from tactilevision.recording.model import Recording
-    from tactilevision.records.certified import CertifiedPoint
-    from tactilevision.records.measured import Estimate
 
-    Source = str | Path | Recording
-
+Source = str | Path | Recording
+Given: TypeAlias = "Source | CertifiedRecording"
 DEFAULT_LAW = "default"  # the only law that uses Poisson's ratio from the rise
 
 
@@ -79,8 +89,6 @@ class CertifiedRecording:
     @property
     def measured(self) -> Measured:
         """The measurements as `calibration` takes them."""
-        from calibration.inputs.observations import Measured
-
         curves = self.recording.curves if self.certificate is None else ()
         return Measured(self.recording, self.points, curves)
 
@@ -106,7 +114,7 @@ class Calibrated:
 
 
 def calibrate_recording(
-    recording: Source | CertifiedRecording,
+    recording: Given,
     *,
     law: Law | str = DEFAULT_LAW,
     prior: bool = True,
@@ -150,8 +158,7 @@ def calibrate_recording(
     >>> print(result.presses_rejected, result.warnings)
     """
     heard = listener or Collected()
-    certify = partial(certify_recordings, poisson_ratio=law == DEFAULT_LAW, listener=heard)
-    one = recording if isinstance(recording, CertifiedRecording) else certify([recording])[0]
+    one = certify_recordings(recording, poisson_ratio=law == DEFAULT_LAW, listener=heard)[0]
     found = calibrate_certified(one, law=law, prior=prior)
     if found.result is None:
         assert found.fault is not None
@@ -161,7 +168,7 @@ def calibrate_recording(
 
 
 def diagnose_recording(
-    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    recordings: Given | Sequence[Given],
     *,
     effects: Sequence[Effect] = (),
     known: Sequence[Effect] = (),
@@ -218,11 +225,6 @@ def diagnose_recording(
     >>> print(found.errors.held_out_before, found.errors.held_out_after)  # N
     >>> print(found.material.after.youngs_modulus)  # MPa
     """
-    import numpy as np
-
-    from calibration.tasks.diagnose import diagnose
-    from tactilevision.cluster.pool import step_pool
-
     heard = listener or Collected()
     certified, data, known_of_nu = _to_compare(recordings, heard, cluster=cluster, prior=prior)
     with step_pool(workers, cluster) as each, heard.progress_bar("diagnosing:") as progress:
@@ -235,7 +237,7 @@ def diagnose_recording(
 
 
 def compare_recordings(
-    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    recordings: Given | Sequence[Given],
     effects: Sequence[Effect],
     *,
     left_out: Sequence[str] = (),
@@ -248,10 +250,6 @@ def compare_recordings(
 
     The other parameters and the errors raised are those of `diagnose_recording`.
     """
-    import numpy as np
-
-    from calibration.tasks.compare import compare
-
     heard = listener or Collected()
     _, data, known_of_nu = _to_compare(recordings, heard, left_out=left_out, prior=prior)
     with heard.progress_bar("fitting") as progress:
@@ -260,7 +258,7 @@ def compare_recordings(
 
 
 def _to_compare(
-    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    recordings: Given | Sequence[Given],
     listener: Listener,
     *,
     prior: bool,
@@ -268,25 +266,21 @@ def _to_compare(
     left_out: Sequence[str] = (),
 ) -> tuple[list[CertifiedRecording], Observations, dict[str, Any]]:
     """Return the recordings certified, their measurements, and what is known of nu: by the rise and its range."""
-    certified = _all_certified(recordings, cluster, listener)
+    certified = certify_recordings(recordings, scale_doubt=False, cluster=cluster, listener=listener)
     nu = {"bulge": sharpest_poisson_ratio(certified), "bound": NU_SILICONE if prior else None}
     return certified, observed(certified, left_out), nu
 
 
 def validate_recording(
-    recording: Source | CertifiedRecording, *, calibration: Path | None = None, listener: Listener | None = None
+    recording: Given, *, calibration: Path | None = None, listener: Listener | None = None
 ) -> Validation:
     """Return finite elements against the measured forces and depths.
 
     The material is that of the file `calibration`, of calibration.json in the recording's folder, or else
     calibrated now; where the data leave nu open, the middle of its interval is taken, with a warning.
     """
-    from calibration.tasks.calibrate import observe
-    from calibration.tasks.validate import middle_material, validate
-    from tactilevision.force.calibrated import read_material
-
     heard = listener or Collected()
-    one = _all_certified(recording, None, heard, scale_doubt=True)[0]
+    one = certify_recordings(recording, listener=heard)[0]
     data, stored = observe([one.measured]), one.recording.path / "calibration.json"
     if calibration is not None or stored.is_file():
         material = read_material(calibration or stored)
@@ -304,65 +298,41 @@ def validate_recording(
 
 
 def certify_recordings(
-    recordings: Sequence[Source],
+    recordings: Given | Sequence[Given],
     *,
     poisson_ratio: bool = True,
     scale_doubt: bool = True,
     cluster: str | None = None,
     listener: Listener | None = None,
 ) -> list[CertifiedRecording]:
-    """Read recordings, the oldest first, and certify those that have frames.
+    """Read recordings and certify those that have frames.
 
-    `poisson_ratio`: estimate nu from the rise as well. `scale_doubt`: warn where certified depths contradict the
-    picture's scale, which a diagnosis looks for anyway. On a cluster each recording is a task of its own, whose
-    reconstructor stays there.
+    Those that are certified already come first, then the others, the oldest first. `poisson_ratio`: estimate nu
+    from the rise as well. `scale_doubt`: warn where certified depths contradict the picture's scale, which a
+    diagnosis looks for anyway. On a cluster each recording is a task of its own, whose reconstructor stays there.
     """
-    from tactilevision.recording.model import require
-
-    heard, opened = listener or Collected(), oldest_first(recordings)
+    given = [recordings] if isinstance(recordings, str | Path | Recording | CertifiedRecording) else recordings
+    done, rest = list[CertifiedRecording](), list[Recording]()
+    for one in given:
+        if isinstance(one, CertifiedRecording):
+            done.append(one)
+        else:
+            rest.append(one if isinstance(one, Recording) else read_recording(one))
+    heard, opened = listener or Collected(), sorted(rest, key=lambda one: str(one.date or ""))
     how: dict[str, Any] = {"poisson_ratio": poisson_ratio, "scale_doubt": scale_doubt}
     if cluster is not None:
-        return _certify_on_cluster(opened, cluster, heard, how)
+        return [*done, *_certify_on_cluster(opened, cluster, heard, how)]
     for recording in opened:
         heard.warn(recording.warnings)
         if not (recording.curves or recording.points):
             require(recording, "frames", step="certifying depths")
-    return [_certify(one, heard, **how) for one in opened]
-
-
-def oldest_first(recordings: Sequence[Source]) -> list[Recording]:
-    """Return the recordings, read where they are folders, in the order of their dates."""
-    from tactilevision.recording.model import Recording
-    from tactilevision.recording.read import read_recording
-
-    opened = [one if isinstance(one, Recording) else read_recording(one) for one in recordings]
-    return sorted(opened, key=lambda one: str(one.date or ""))
-
-
-def _all_certified(
-    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
-    cluster: str | None,
-    listener: Listener,
-    *,
-    scale_doubt: bool = False,
-) -> list[CertifiedRecording]:
-    """Return each recording certified: those that are already, then the others, the oldest first."""
-    from tactilevision.recording.model import Recording
-
-    given = [recordings] if isinstance(recordings, str | Path | Recording | CertifiedRecording) else recordings
-    rest = [one for one in given if not isinstance(one, CertifiedRecording)]
-    done = [one for one in given if isinstance(one, CertifiedRecording)]
-    return [*done, *certify_recordings(rest, scale_doubt=scale_doubt, cluster=cluster, listener=listener)]
+    return [*done, *(_certify(one, heard, **how) for one in opened)]
 
 
 def _certify(
     recording: Recording, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
 ) -> CertifiedRecording:
     """Return the recording with its certificate, where it has frames; `listener` hears its warnings at once."""
-    from tactilevision.heightmap.build import build_reconstructor
-    from tactilevision.press.certification import certify, require_all
-    from tactilevision.press.poisson_from_rise import with_nu
-
     if not recording.frame_names:
         return CertifiedRecording(recording)
     require_all(recording)
@@ -393,9 +363,6 @@ def calibrate_certified(
 
     Raises InputError where the measurements were wrong as they came, before any press was looked at.
     """
-    from calibration.result.result import unfixed_as_json
-    from calibration.tasks.calibrate import calibrate
-
     clock, points = certified.clock_offset, certified.points
     bound, nu = NU_SILICONE if prior else None, certified.poisson_ratio if law == DEFAULT_LAW else None
     try:
@@ -446,12 +413,8 @@ def sharpest_poisson_ratio(certified: Sequence[CertifiedRecording]) -> Estimate 
 
 def observed(certified: Sequence[CertifiedRecording], left_out: Sequence[str] = ()) -> Observations:
     """Return the curves of these recordings where there are any, else the points, without presses `left_out`."""
-    from calibration.inputs.gather import observe_all
-    from calibration.inputs.observations import leave_out
-    from calibration.tasks.calibrate import observe
-
     sets = [one.measured for one in certified]
-    return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
+    return leave_out(observe_curves(sets) if any(one.curves for one in sets) else observe(sets), left_out)
 
 
 def height_residuals(certified: Sequence[CertifiedRecording]) -> list[ResidualMap]:
@@ -488,8 +451,6 @@ def _certify_on_cluster(
 
     It writes nothing, so a task that is lost is done again. Raises ClusterError as `cluster_pool` does.
     """
-    from tactilevision.cluster.pool import cluster_pool
-
     with cluster_pool(cluster) as pool, listener.progress_bar("certifying recordings") as progress:
         tasks = [pool.submit(_certify_there, one.path.absolute(), how) for one in given]
         found: list[CertifiedRecording] = []

@@ -6,29 +6,20 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import pairwise
-from math import nan
 from pathlib import Path
 from typing import Any
 
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.effects import PLAIN, get_effect, written
 from calibration.effects.private import load_effect
+from calibration.inputs.deadline import NEVER, Deadline
 from calibration.model.stages import Effect
 from calibration.report.diagnosis_report import diagnosis_page
-from calibration.report.figures import (
-    FigureFolder,
-    comparison_figures,
-    diagnosis_evidence,
-    of_fit,
-    of_history,
-    of_presses,
-)
-from calibration.report.misfit import error_fall_of_sight, error_falls
+from calibration.report.figures import FigureFolder, of_fit, of_history, of_presses
 from calibration.report.report import calibration_page, comparison_page
+from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
-from calibration.tasks.compare import Compared, Comparison
+from calibration.tasks.compare import Comparison
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.errors import InputError
@@ -37,7 +28,6 @@ from tactilevision.pipeline import (
     Calibrated,
     CertifiedRecording,
     Listener,
-    certify_recordings,
     compare_recordings,
     height_residuals,
 )
@@ -68,10 +58,6 @@ def _found(folder: Path, names: Sequence[str], figures: Sequence[str]) -> list[P
     patterns = [*names, *(f"{figure}.{form}" for figure in figures for form in style.FORMS)]
     found = (path for pattern in patterns for path in sorted(folder.glob(pattern)))
     return [path for path in found if path.is_file() and not path.is_symlink()]
-
-
-def _title(kind: str, taken: Sequence[CertifiedRecording]) -> str:
-    return f"{kind} of " + ", ".join(one.recording.name for one in taken)
 
 
 # Calibrations: the newest in the folder itself, each older one in a folder of its own.
@@ -116,7 +102,7 @@ def _write_calibration(outcome: Calibrated, figures: FigureFolder, listener: Lis
             f"Calibration of {certified.recording.name}",
             result,
             points=certified.points,
-            figures=of_fit(result, certified.points, folder=figures) if result is not None else [],
+            fit=of_fit(result, certified.points, folder=figures) if result is not None else [],
             presses=of_presses(certified.recording, certificate, folder=figures, progress=progress)
             if certificate
             else [],
@@ -172,6 +158,23 @@ def write_history(history: History, folder: Path, out: Path) -> None:
     write_text(folder / "repeat.sh", history.script(again_in(out)))
 
 
+@contextmanager
+def _stage(out: Path, form: str, history: History, material: CalibrationResult | None) -> Iterator[FigureFolder]:
+    """Stage the results of an analysis with its history and, where that is applied, its material."""
+    with staged(out) as stage:
+        write_history(history, stage, out)
+        if history.applied:
+            _keep_calibration(out, stage)
+            _write_material(material, stage)
+        yield FigureFolder(stage, form)
+    _forget_found(out)
+
+
+def _write_material(material: CalibrationResult | None, folder: Path) -> None:
+    assert material is not None
+    write_json(folder / CALIBRATION, material.as_json())
+
+
 def write_diagnosis(
     found: Diagnosis,
     taken: Sequence[CertifiedRecording],
@@ -184,36 +187,16 @@ def write_diagnosis(
     listener: Listener,
 ) -> dict[str, Any]:
     """Write diagnosis.json, figures, page and history; return the content. `history.applied`: and the material."""
-    surfaces = height_residuals(taken)
-    content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
-    with staged(out) as stage:
-        write_json(stage / "diagnosis.json", content)
-        write_history(history, stage, out)
-        if history.applied:
-            _keep_calibration(out, stage)
-            write_json(stage / CALIBRATION, found.material.after.as_json())
-        figures = FigureFolder(stage, form)
+    reliefs = height_residuals(taken)
+    content = found.as_json() | {"height_map": [c.as_json() for one in reliefs for c in one.covariates]}
+    with _stage(out, form, history, found.material.after) as folder:
+        write_json(folder.path / "diagnosis.json", content)
         with listener.progress_bar("drawing") as progress:
-            shown = diagnosis_evidence(found, private, surfaces, folder=figures, progress=progress)
-        page = diagnosis_page(_title("Diagnosis", taken), found, shown, commands=commands)
-        write_text(stage / "report.html", page)
-    _forget_found(out)
+            page = diagnosis_page(
+                found, folder, private=private, reliefs=reliefs, commands=commands, progress=progress
+            )
+        write_text(folder.path / "report.html", page)
     return content
-
-
-def steps_of_diagnosis(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
-    """Return a step for each effect added, with the errors before and after it; `files` of private ones by key."""
-    named = {e.key: e for e in found.fits.fitted.model.effects}
-    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
-    steps = [
-        Step(written(named[key]), files.get(key, ""), errors.before, errors.after, *held, errors.floor)
-        for key, held in zip(added, pairwise(found.errors.held_out_N), strict=True)
-    ]
-    for fall in error_fall_of_sight(found):
-        keys = [e.key for e in found.effects if e.key not in named]
-        for key, held in zip(keys, pairwise(fall.error), strict=True):
-            steps.append(Step(key, "", nan, nan, *held, fall.repeatability, fall.unit))
-    return steps
 
 
 def commands_after_diagnosis(found: Diagnosis, base: History, files: Mapping[str, str]) -> list[str]:
@@ -233,70 +216,40 @@ def commands_after_comparison(found: Comparison, base: History, files: Mapping[s
     return [*first, *((f"{TRY} {getattr(PLAIN[key], 'words', key)}", text) for key, text in tried.items())]
 
 
+def compare_as(
+    asked: History, effects: Sequence[Effect], *, deadline: Deadline = NEVER, listener: Listener
+) -> Comparison:
+    """Return the comparison of a history's recordings with these effects."""
+    how: dict[str, Any] = {"left_out": asked.left_out, "prior": asked.prior, "seed": asked.seed}
+    return compare_recordings(asked.recordings, effects, **how, deadline=deadline, listener=listener)
+
+
 def write_comparison(
     found: Comparison,
     history: History,
     *,
-    title: str,
     out: Path,
     form: str = "png",
     try_next: Sequence[tuple[str, str]] = (),
     listener: Listener,
 ) -> None:
     """Write comparison.json, figures, page and history. `history.applied`: and the last model's material."""
-    with staged(out) as stage:
-        _fill_comparison(found, FigureFolder(stage, form), title=title, try_next=try_next, listener=listener)
-        write_history(history, stage, out)
-        if history.applied:
-            _keep_calibration(out, stage)
-            _write_material(found, stage)
-    _forget_found(out)
+    with _stage(out, form, history, found.models[-1].material) as folder:
+        _fill_comparison(found, folder, listener, try_next=try_next)
 
 
 def _fill_comparison(
     found: Comparison,
     folder: FigureFolder,
+    listener: Listener,
     *,
-    title: str,
     try_next: Sequence[tuple[str, str]] = (),
     state: str = "",
-    listener: Listener,
 ) -> None:
-    write_json(folder.path / "comparison.json", comparison_content(found))
-    falls = error_falls(found)
+    write_json(folder.path / "comparison.json", found.as_json())
     with listener.progress_bar("drawing") as progress:
-        figures = comparison_figures(found, falls, folder, progress)
-    page = comparison_page(title, found, falls, figures=figures, try_next=try_next, state=state)
+        page = comparison_page(found, folder, try_next=try_next, state=state, progress=progress)
     write_text(folder.path / "report.html", page)
-
-
-def _write_material(found: Comparison, folder: Path) -> None:
-    material = found.models[-1].material
-    assert material is not None
-    write_json(folder / CALIBRATION, material.as_json())
-
-
-def comparison_content(found: Comparison) -> list[dict[str, object]]:
-    """Return the content of comparison.json: the last model of the force names instrument errors worth a try."""
-    content = found.as_json()
-    content[-1]["suggested"] = list(found.suggested)
-    return [*content, *(_of_picture(model, found.pictured[0]) for model in found.pictured)]
-
-
-def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
-    """Return the content of a model of the reconstructed depth."""
-    return {
-        "name": model.name,
-        "effects": list(model.effects),
-        "parameters": {name: estimate.as_json() for name, estimate in model.parameters},
-        "rms_error_mm": {
-            "held_out_before": base.held_out_N,
-            "held_out_after": model.held_out_N,
-            "floor": model.repeatability_N,
-            "faces_before": face_error_mm(base.fitted),
-            "faces_after": face_error_mm(model.fitted),
-        },
-    }
 
 
 def follow_steps(
@@ -323,19 +276,16 @@ def _refit(
     history: History, folder: Path, figures: FigureFolder, *, private: Sequence[Path] | None, listener: Listener
 ) -> None:
     """Compare the recordings again with the steps that stand."""
-    effects = _effects(history.steps, private)
-    taken = certify_recordings(history.recordings, scale_doubt=False, listener=listener)
-    left_out, prior, seed = history.left_out, history.prior, history.seed
-    found = compare_recordings(taken, effects, left_out=left_out, prior=prior, seed=seed, listener=listener)
+    found = compare_as(history, _effects(history.steps, private), listener=listener)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
     if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
         state += f" What the diagnosis found is kept in {FOUND}/report.html."
-    _fill_comparison(found, figures, title=_title("Comparison", taken), state=state, listener=listener)
+    _fill_comparison(found, figures, listener, state=state)
     if history.applied and not history.steps and (folder / BEFORE).is_file():
         _copy(folder / BEFORE, figures.path / CALIBRATION)
     elif history.applied:
-        _write_material(found, figures.path)
+        _write_material(found.models[-1].material, figures.path)
 
 
 def _effects(taken: Sequence[Step], private: Sequence[Path] | None) -> list[Effect]:

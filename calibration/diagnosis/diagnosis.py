@@ -55,11 +55,6 @@ class Errors:
     floor: float
     held_out_N: tuple[float, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the entries `rms_error_N` and `held_out_N`."""
-        content = asdict(self)
-        return {"held_out_N": list(content.pop("held_out_N")), "rms_error_N": content}
-
 
 @dataclass(frozen=True, slots=True)
 class MaterialChange:
@@ -73,16 +68,6 @@ class MaterialChange:
     after: CalibrationResult
     unseen: tuple[UndetectedEffect, ...] = ()
     alone_MPa: Pair | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the entries `material` and `unseen`."""
-        return {
-            "material": {"before": self.before.as_json(), "after": self.after.as_json()},
-            "unseen": {
-                "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
-                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
-            },
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +86,6 @@ class SearchRecord:
     lack_of_fit_p: float
     tried: tuple[str, ...]
     sight: Searched | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the entries of the tests, and `reconstructed_depth`."""
-        return {
-            "screen": _screen(self.score_test),
-            "covariates": [c.as_json() for c in self.covariates],
-            "lack_of_fit_p": self.lack_of_fit_p,
-            "tried": list(self.tried),
-            "reconstructed_depth": None if self.sight is None else _sight(self.sight),
-        }
 
 
 def _screen(scores: tuple[Scored, ...]) -> list[dict[str, Any]]:
@@ -132,10 +107,15 @@ def _sight(sight: Searched) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Fits:
-    """The fits of the base model and of the last one; `whole` is the last fit before presses were set aside."""
+    """The fits of the base model and of the last one.
+
+    `steps` are those of the base model and after each effect of the force; `whole` is the last fit before presses
+    were set aside.
+    """
 
     base: Fit
     fitted: Fit
+    steps: tuple[Fit, ...]
     whole: Fit | None = None
 
 
@@ -157,19 +137,6 @@ class UnexplainedMisfit:
     change_point: str | None = None
     would_have_to_be: tuple[InadmissibleBeta, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
-        """Return its entries."""
-        other = self.alternative_explanation
-        return {
-            "left": None if self.left is None else asdict(self.left),
-            "left_over": None if self.left_over is None else self.left_over.as_json(),
-            "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
-            "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
-            "otherwise": None if other is None else other.as_json(),
-            "change_point": self.change_point,
-            "would_have_to_be": [asdict(one) for one in self.would_have_to_be],
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class OddPresses:
@@ -178,14 +145,6 @@ class OddPresses:
     odd: OutlyingPresses = field(default_factory=OutlyingPresses)
     set_aside: tuple[str, ...] = ()
     without: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return its entries."""
-        return {
-            "odd_presses": list(self.odd.presses),
-            "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
-            "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,14 +172,41 @@ class Diagnosis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
-        parts = (self.errors, self.material, self.search, self.remainder, self.presses, self.limits)
+        search, rest, presses, limits = self.search, self.remainder, self.presses, self.limits
+        errors, material, other, left = asdict(self.errors), self.material, rest.alternative_explanation, rest.left
         return {
             "verdict": self.verdict,
             "effects": [effect.as_json() for effect in self.effects],
             "candidates": list(self.candidates),
             "flags": list(self.flags),
             "stopped": self.stopped,
-            **{key: value for part in parts for key, value in part.as_json().items()},
+            "held_out_N": list(errors.pop("held_out_N")),
+            "rms_error_N": errors,
+            "material": {"before": material.before.as_json(), "after": material.after.as_json()},
+            "unseen": {
+                "interval95_of_E_without": material.alone_MPa and list(material.alone_MPa),
+                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in material.unseen],
+            },
+            "screen": _screen(search.score_test),
+            "covariates": [c.as_json() for c in search.covariates],
+            "lack_of_fit_p": search.lack_of_fit_p,
+            "tried": list(search.tried),
+            "reconstructed_depth": search.sight and _sight(search.sight),
+            "left": left and asdict(left),
+            "left_over": rest.left_over and rest.left_over.as_json(),
+            "nearest": rest.nearest and dict(zip(("key", "explains"), rest.nearest, strict=True)),
+            "nearest_plain_error": rest.plain and rest.plain.effect.key,
+            "otherwise": other and other.as_json(),
+            "change_point": rest.change_point,
+            "would_have_to_be": [asdict(one) for one in rest.would_have_to_be],
+            "odd_presses": list(presses.odd.presses),
+            "set_aside": {"presses": list(presses.set_aside), "verdict_without": presses.without or None},
+            "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in presses.odd.wanders],
+            "not_testable": [{"key": key, "why": why} for key, why in limits.not_testable.items()],
+            "possible_bias_of_E": dict(limits.possible_bias),
+            "smallest_visible": dict(limits.visible),
+            "smallest_visible_unit": {k: limits.sizes[k].unit for k in limits.visible if k in limits.sizes},
+            "bias_of_E_at_smallest_visible": dict(limits.below_visibility),
             "measure_next": [action.as_json() for action in self.measure_next],
             "noise": self.fits.fitted.noise.parts(self.fits.fitted.about.base_N),
         }

@@ -13,14 +13,13 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.diagnosis.score_test import SCATTER
 from calibration.diagnosis.unexplained import Unexplained
 from calibration.effects import EFFECTS
-from calibration.fit.least_squares import Fit, Problem, linearise
+from calibration.fit.least_squares import Fit, Problem, linearise, unexplained
 from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.inputs.observations import DAY_S, TYPICAL_GAIN, TYPICAL_ZERO_MM, Observations, join
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import ManualCheck
 from calibration.noise.model import Whitener
-from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats, Pair
 
 # Presses that would distinguish two candidates, and how many minutes they take.
@@ -150,9 +149,7 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
         noise = replace(noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
     problem = Problem(model, data, model.parameters(data), Whitener(data, noise, about))
     jacobian = problem.whitener.apply(problem.jacobian(values)[:, problem.free])
-    gap = problem.whitener.apply(f_one - f_rival)
-    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), NONZERO))
-    return float(np.linalg.norm(gap - q @ (q.T @ gap)))
+    return float(np.linalg.norm(unexplained(jacobian, problem.whitener.apply(f_one - f_rival))))
 
 
 def _force(model: Model, values: Floats, old: Observations, data: Observations) -> tuple[Floats, Floats]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
-from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, minimise, prior_pulls
+from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, minimise, prior_pulls, unexplained
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
@@ -99,15 +99,10 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
     if len(rows) <= most:
         return rows
     white = problem.whitener.apply
-    jacobian = white(base.jacobian[:, base.free])
-    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), NONZERO))
-    z = white(problem.data.normal_N - base.force_N)
-    z = z - q @ (q.T @ z)
-    gains = []
-    for row in rows:
-        d = white(problem.model.predict(row, problem.data) - base.force_N)
-        d = d - q @ (q.T @ d)
-        gains.append(float(d @ z) ** 2 / max(float(d @ d), NONZERO) * np.sign(float(d @ z)))
+    forces = [problem.data.normal_N, *(problem.model.predict(row, problem.data) for row in rows)]
+    off = white(np.column_stack(forces) - base.force_N[:, None])
+    z, *changes = unexplained(white(base.jacobian[:, base.free]), off).T
+    gains = [float(d @ z) * abs(float(d @ z)) / max(float(d @ d), NONZERO) for d in changes]
     return rows[np.argsort(gains)[::-1][:most]]
 
 
@@ -185,6 +180,7 @@ def hold_out(
     return HeldOut(np.array(of_force), np.array(white), data.size)
 
 
+@lru_cache(maxsize=16)  # a diagnosis and its page ask several times
 def held_out_rms(fitted: Fit) -> float:
     """Return a fit's rms error in N on presses held out; NaN where they are too few or a fold finds no minimum."""
     if fitted.data.count <= 2:

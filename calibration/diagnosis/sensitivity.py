@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -144,16 +143,6 @@ class Limits:
     visible: Mapping[str, float]
     sizes: Mapping[str, Parameter]
     below_visibility: Mapping[str, float]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return its entries."""
-        return {
-            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
-            "possible_bias_of_E": dict(self.possible_bias),
-            "smallest_visible": dict(self.visible),
-            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
-            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
-        }
 
 
 def possible_bias(

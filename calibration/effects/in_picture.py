@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from calibration.model.stages import EffectBase, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
@@ -18,6 +20,10 @@ class Pictured(EffectBase):
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         raise NotImplementedError(f"{type(self).__name__} does not change the reconstructed depth")
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Return the state with the true depth of one that is read in proportion."""
+        return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))
 
     def unseen(self, data: Observations) -> str:
         """Return why the picture of certified depths cannot show the effect; empty where it can."""

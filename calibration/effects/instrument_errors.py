@@ -166,7 +166,7 @@ class OverTime(InstrumentError):
     stage = Stage.INSTRUMENT
     words, covariate = "a force error that grows evenly with the rig's working time", "order"
     parameters: ClassVar[tuple[Parameter, ...]] = (FORCE,)
-    start_values: ClassVar[tuple[tuple[float, ...], ...]] = ((0.01,), (-0.01,))
+    start_values: ClassVar[tuple[tuple[float, ...], ...]] = tuple((sign * 0.01,) for sign in SIGNS)
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""

@@ -9,15 +9,13 @@ the beginning and the end distinguishes it. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.effects.in_picture import Pictured
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
-from calibration.model.stages import ManualCheck, Stage, State, amplitude
+from calibration.model.stages import ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
 
 
@@ -48,7 +46,3 @@ class PhotometricDrift(Pictured):
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         return np.asarray(depth_mm * (1 + values[0] * running_share(data)))
-
-    def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with the depth scaled over time."""
-        return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))

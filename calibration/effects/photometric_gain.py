@@ -9,13 +9,11 @@ Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.effects.in_picture import Pictured
 from calibration.inputs.observations import Observations
-from calibration.model.stages import ManualCheck, Stage, State, amplitude
+from calibration.model.stages import ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
 
 NOT_VISION = "the depth does not come from the picture"
@@ -46,7 +44,3 @@ class PhotometricGain(Pictured):
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         return np.asarray(depth_mm * (1 + values[0]))
-
-    def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with the depth scaled."""
-        return replace(state, depth_mm=state.depth_mm / (1 + values[0]))

@@ -99,14 +99,17 @@ def with_usual_edges(data: Observations) -> Observations:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """E and nu as far as they are determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
+    """E and nu as far as they are determined.
+
+    `youngs_modulus_of_nu` pairs (nu, E) at the fitted c; `covariance` (4, 4) is of E, nu, c and beta.
+    """
 
     youngs_modulus: Estimate
     poisson_ratio: Estimate
+    poisson_ratio_source: str
     reduced_modulus: Estimate
-    source: str
+    youngs_modulus_of_nu: tuple[Pair, ...]
     covariance: Floats
-    modulus_of_nu: tuple[Pair, ...]
     assumptions: tuple[str, ...]
 
 
@@ -135,9 +138,9 @@ def identify(fitted: Fit) -> Identified:
         youngs_modulus=modulus(reduced=False),
         poisson_ratio=nu,
         reduced_modulus=modulus(reduced=True),
-        source=source,
+        poisson_ratio_source=source,
         covariance=_covariance(fitted, radius, deep),
-        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
+        youngs_modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
         assumptions=tuple(assumptions),
     )
 

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
+from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Failure, few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect
 from calibration.effects.instrument_errors import InstrumentError
 from calibration.fit.repeats import LEVEL
+from calibration.inputs.deadline import Progress
 from calibration.laws.theory import stated_outside_gels
 from calibration.model.stages import Effect, Parameter
-from calibration.report import page, wording
-from calibration.report.drawing import Card
-from calibration.report.misfit import BASE
-from calibration.report.report import Figures
+from calibration.report import drawing, figures, page, wording
+from calibration.report.drawing import ResidualMap
+from calibration.report.figures import FigureFolder
+from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
 from calibration.report.wording import in_words
+from calibration.tasks.compare import as_comparison
 from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO
 
@@ -71,61 +74,69 @@ def summary(found: Diagnosis) -> list[str]:
     return [line for line in (*lines, next_sentence(found)) if line]
 
 
-Drawn = tuple[Card, str]  # a candidate's card with its figure (HTML); "" where there is none
+def diagnosis_page(
+    found: Diagnosis,
+    folder: FigureFolder,
+    *,
+    private: Sequence[Effect],
+    reliefs: Sequence[ResidualMap],
+    commands: Sequence[str],
+    progress: Progress,
+) -> str:
+    """Draw the figures and return the page.
 
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """Figures (HTML) of a diagnosis, and a card a candidate.
-
-    `offsets` of odd presses; `figures` of the forces and E; `reconstructed` of the picture's depth; `alike` the
-    separation of effects; `plain` the instrument error nearest to what no effect explains.
+    In order: verdict, misfit, what explains it and what does not, the material, and what to do next. `reliefs`:
+    residuals of the height maps; `commands`: commands to try.
     """
-
-    offsets: Sequence[str]
-    figures: Figures
-    reconstructed: Sequence[str]
-    alike: Sequence[str]
-    cards: Sequence[Drawn]
-    plain: Drawn | None
-
-
-def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: Sequence[str]) -> str:
-    """Return the page: verdict, misfit, what explains it and what does not, the material, and what to do next.
-
-    `commands`: commands to try.
-    """
-    standing = [one for one in shown.cards if one[0].key not in found.search.tried]
-    failed = [one for one in shown.cards if one[0].key in found.search.tried]
+    tried, before = found.search.tried, found.material.before.youngs_modulus
+    falls = [fall for fall in error_falls(as_comparison(found)) if len(fall.models) > 1]
+    cards = {key: _card(key, one, found, folder) for key, one in drawing.candidates(found, private).items()}
+    moduli = {BASE: before, after_words(found): found.material.after.youngs_modulus}
     return page.page(
-        title,
+        f"Diagnosis of {', '.join(found.fits.base.data.recordings)}",
         _head(found),
-        *_misfit(found, shown),
+        *_misfit(found, reliefs, folder, progress),
         page.section(
             _explains(found),
-            "" if shown.plain is None else _plain(shown.plain),
-            *shown.figures.fall,
-            *(_card(one, found) for one in standing),
+            _plain(found, folder),
+            *figures.keep_falls(falls, folder),
+            *(card for key, card in cards.items() if key not in tried),
             _outside(found),
         ),
         page.folded(
             "Examined so far" if found.stopped else "Tried, and does not explain it",
-            *(_card(one, found) for one in failed),
+            *(card for key, card in cards.items() if key in tried),
         ),
-        page.section("E before and after", *shown.figures.moduli, _material(found)),
+        page.section("E before and after", *figures.keep_moduli(moduli, folder), _material(found)),
         page.section("What to measure next", _next(found)),
         page.section("Commands to try", *(page.command(text) for text in commands)),
-        page.folded("Can these data distinguish the effects?", *shown.alike),
+        page.folded("Can these data distinguish the effects?", *figures.keep_confusable_effects(found, folder)),
         page.folded("Not testable with these data", _untestable(found)),
         page.folded("Effects too small to be significant", _from_here_on(found)),
     )
 
 
-def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
+def _of_force(found: Diagnosis) -> list[str]:
+    """Return the keys of the effects that were added to the force."""
+    return [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+
+
+def _misfit(
+    found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder, progress: Progress
+) -> list[str]:
     """Return the misfit of the force, or of the reconstructed depth where only that fails; the other is folded."""
-    figures, depth = shown.figures, shown.reconstructed
-    force = [*shown.offsets, *figures.presses, *figures.strips, page.folded("Every press", *figures.every_press)]
-    if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
+    base, named = found.fits.base, " + ".join(map(in_words, _of_force(found)))
+    fits = {BASE: base} | ({f"+ {named}": found.fits.fitted} if named else {})
+    scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
+    curves = force_curves(fits)
+    force = [
+        *figures.keep_odd_presses(found, folder),
+        *figures.keep_presses(curves, base.data.gel.thickness_mm, folder),
+        *figures.keep_strips(residual_strips(fits, scored), folder),
+        page.folded("Every press", *figures.keep_every_press(curves, folder, progress)),
+    ]
+    depth = figures.keep_reconstructed_depth(found, reliefs, folder)
+    if found.effects and not named:
         quiet = page.folded("The forces, which the model explains within their repeatability", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
     fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < LEVEL
@@ -142,28 +153,31 @@ def _explains(found: Diagnosis) -> str:
     return "What may explain it" if len(found.candidates) > len(found.effects) else "What explains it"
 
 
-def _plain(drawn: Drawn) -> str:
-    """Return the card of the instrument error nearest to what no effect explains."""
-    key = drawn[0].key
-    words = getattr(PLAIN[key], "words", in_words(key))
+def _plain(found: Diagnosis, folder: FigureFolder) -> str:
+    """Return the card of the instrument error nearest to what no effect explains; "" where there is none."""
+    if (plain := found.remainder.plain) is None:
+        return ""
+    words = getattr(PLAIN[plain.effect.key], "words", in_words(plain.effect.key))
     said = (
         "No effect of the catalogue has this form. An instrument error comes nearest; only another measurement "
         "can show whether the rig has it."
     )
-    return _box(f"Instrument error: {words}", drawn, _sizes(drawn[0]), page.paragraph(said))
+    picture = figures.keep_overlay(found.fits.fitted, plain, folder)
+    return _box(f"Instrument error: {words}", picture, _sizes(plain), page.paragraph(said))
 
 
-def _box(title: str, drawn: Drawn, rows: Sequence[tuple[str, str]], said: str = "") -> str:
+def _box(title: str, picture: str, rows: Sequence[tuple[str, str]], said: str = "") -> str:
     table = page.table(("", ""), [row for row in rows if row[1]])
-    return page.block("card", page.heading(title), drawn[1], said, table)
+    return page.block("card", page.heading(title), picture, said, table)
 
 
-def _sizes(card: Card) -> list[tuple[str, str]]:
-    """Return the fitted values of a card with their meanings."""
-    return [
-        (_meaning(card.key, name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
-        for name, value, unit in card.values
-    ]
+def _sizes(candidate: Candidate) -> list[tuple[str, str]]:
+    """Return the fitted values of a candidate with their meanings."""
+    key, rows = candidate.effect.key, []
+    for p, value in zip(candidate.effect.parameters, candidate.own_values.tolist(), strict=True):
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        rows.append((_meaning(key, p.name), f"{wording.number(value)}{unit}"))
+    return rows
 
 
 def _head(found: Diagnosis) -> str:
@@ -234,8 +248,9 @@ def _about(key: str) -> Effect | None:
     return None
 
 
-def _card(drawn: Drawn, found: Diagnosis) -> str:
-    key, about, rows = drawn[0].key, _about(drawn[0].key), _sizes(drawn[0])
+def _card(key: str, candidate: Candidate | None, found: Diagnosis, folder: FigureFolder) -> str:
+    about, rows = _about(key), [] if candidate is None else _sizes(candidate)
+    picture = "" if candidate is None else figures.keep_overlay(found.fits.base, candidate, folder)
     for added in (one for one in found.effects if one.key == key):
         rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
         rows += [("p-value", wording.p_value(added.p_adjusted)), *_fall_of(found, key)]
@@ -246,12 +261,12 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
             ("distinguished by", "; ".join(about.separated_by)),
             ("source", about.source),
         ]
-    return _box(f"{in_words(key)}: {(about.title if about else '') or 'your own'}", drawn, rows)
+    return _box(f"{in_words(key)}: {(about.title if about else '') or 'your own'}", picture, rows)
 
 
 def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
     """Return the change of the held-out error by adding an effect of the force."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+    keys = _of_force(found)
     if key not in keys or len(found.errors.held_out_N) <= len(keys):
         return []
     before, after = (KILO * found.errors.held_out_N[keys.index(key) + k] for k in (0, 1))
@@ -335,7 +350,7 @@ def _verdict_sentence(found: Diagnosis) -> str:
     before, after = KILO * found.errors.held_out_before, KILO * found.errors.held_out_after
     change = "falls" if after < before else "changes"
     fall = f"; the error on held-out presses {change} from {before:.1f} to {after:.1f} mN"
-    if not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
+    if not _of_force(found):
         fall = "; the forces themselves are explained within their repeatability"
     match found.verdict:
         case "ADEQUATE":

@@ -17,7 +17,7 @@ from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.depth_noise import at_denoised_depth
-from calibration.fit.least_squares import Fit, box_of, differentiate
+from calibration.fit.least_squares import Fit, box_of, differentiate, unexplained
 from calibration.fit.outlying_presses import own_zero_mm
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
@@ -28,7 +28,7 @@ from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
 from tactilevision.plots.diagnosis import Offsets, Sighting
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.constants import KILO, NONZERO, TINY
+from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.misfit import Strip
@@ -127,9 +127,7 @@ def confusability(found: Diagnosis) -> tuple[list[str], Floats] | None:
 def _shows(base: Fit, candidate: Candidate) -> bool:
     """Return whether the candidate's change of the force lies outside the base model's own directions."""
     change = base.whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
-    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), NONZERO))
-    residual = change[:, -1] - basis @ (basis.T @ change[:, -1])
-    return bool(np.linalg.norm(residual) > TOLD_APART)
+    return bool(np.linalg.norm(unexplained(change[:, :-1], change[:, -1])) > TOLD_APART)
 
 
 def sighting(found: Diagnosis) -> Sighting | None:
@@ -152,39 +150,24 @@ def sighting(found: Diagnosis) -> Sighting | None:
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
-@dataclass(frozen=True, slots=True)
-class Card:
-    """A candidate's key, its fitted values by name with their units, and its overlay, if any."""
+def candidates(found: Diagnosis, private: Sequence[Effect]) -> dict[str, Candidate | None]:
+    """Return the candidates by key, each fitted alone on top of the base model.
 
-    key: str
-    values: tuple[tuple[str, float, str], ...] = ()
-    overlay: Strip | None = None
-
-
-def cards(found: Diagnosis, private: Sequence[Effect]) -> list[Card]:
-    """Return one card a candidate, fitted alone on top of the base model.
-
-    Candidates are the effects added, those not distinguishable from them, and those tried; one on the
-    reconstructed depth is shown there, and one whose needed size is in a table has no card.
+    Candidates are the effects added, those not distinguishable from them, and those tried. None for one on the
+    reconstructed depth, which is shown there, and for one that cannot be fitted; one whose needed size is in a
+    table is excluded.
     """
     known, base = {**EFFECTS, **{effect.key: effect for effect in private}}, found.fits.base
     by_sight = set() if found.search.sight is None else {s.key for s in found.search.sight.first.effects}
     added = [e.key for e in found.effects]
     elsewhere = {w.key for w in found.remainder.would_have_to_be} - set(added)
-    made = {}
-    for key in (*added, *found.candidates, *found.search.tried):
-        if key not in made and key not in elsewhere and (key in by_sight or key in known):
-            made[key] = Card(key)
+    made: dict[str, Candidate | None] = {}
+    for key in dict.fromkeys((*added, *found.candidates, *found.search.tried)):
+        if key not in elsewhere and (key in by_sight or key in known):
+            made[key] = None
             with suppress(*CANNOT_FIT):
-                made[key] = made[key] if key in by_sight else fitted_card(base, refit_with(base, known[key]))
-    return list(made.values())
-
-
-def fitted_card(base: Fit, fitted: Candidate) -> Card:
-    """Return the card of a candidate fitted on top of `base`."""
-    pairs = zip(fitted.effect.parameters, fitted.own_values, strict=True)
-    values = tuple((p.name, float(v), p.unit) for p, v in pairs)
-    return Card(fitted.effect.key, values, overlay(base, fitted))
+                made[key] = None if key in by_sight else refit_with(base, known[key])
+    return made
 
 
 def overlay(base: Fit, candidate: Candidate) -> Strip:

@@ -9,29 +9,17 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.vision_depth_check import unseen_beside
 from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
-from calibration.model.stages import Effect
 from calibration.report import drawing, page
-from calibration.report.diagnosis_report import Drawn, Evidence, after_words
-from calibration.report.drawing import Card, ResidualMap
-from calibration.report.misfit import (
-    BASE,
-    error_fall_of_diagnosis,
-    error_fall_of_sight,
-    force_curves,
-    model_names,
-    residual_strips,
-)
-from calibration.report.report import Figures
+from calibration.report.drawing import ResidualMap, overlay
 from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow
-from calibration.tasks.compare import Comparison
 from tactilevision.errors import RecordingError
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, diagnosis as draw, misfit, style
@@ -219,64 +207,11 @@ def radii_coloured(curves: ForceCurves) -> str:
     return f"Measured, {said}."
 
 
-def comparison_figures(
-    found: Comparison, falls: Sequence[ErrorFall], folder: FigureFolder, progress: Progress
-) -> Figures:
-    """Draw every figure of a comparison's page."""
-    models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
-    fits = {name: model.fitted for name, model in models.items()}
-    moduli = {name: one.material.youngs_modulus for name, one in models.items() if one.material is not None}
-    return _figures(fits, [one.covariates for one in found.models], falls, moduli, folder, progress)
-
-
-def _figures(
-    fits: Mapping[str, Fit],
-    scored: Sequence[Sequence[Scored]],
-    falls: Sequence[ErrorFall],
-    moduli: Mapping[str, Estimate],
-    folder: FigureFolder,
-    progress: Progress,
-) -> Figures:
-    """Draw the figures of fits to the same data, by the models' names, the base model first."""
-    curves = force_curves(fits)
-    return Figures(
-        fall=keep_falls(falls, folder),
-        presses=keep_presses(curves, next(iter(fits.values())).data.gel.thickness_mm, folder),
-        strips=keep_strips(residual_strips(fits, scored), folder),
-        moduli=keep_moduli(moduli, folder),
-        every_press=keep_every_press(curves, folder, progress),
-    )
-
-
 # Figures of a diagnosis.
 
 
-def diagnosis_evidence(
-    found: Diagnosis,
-    private: Sequence[Effect],
-    reliefs: Sequence[ResidualMap],
-    *,
-    folder: FigureFolder,
-    progress: Progress,
-) -> Evidence:
-    """Draw every figure of a diagnosis's page."""
-    base, fitted, plain = found.fits.base, found.fits.fitted, found.remainder.plain
-    named = [e.key.replace("_", " ") for e in found.effects if e.key in fitted.model.keys]
-    fits = {BASE: base} | ({f"+ {' + '.join(named)}": fitted} if named else {})
-    scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
-    falls = [*([error_fall_of_diagnosis(found)] if named else []), *error_fall_of_sight(found)]
-    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
-    return Evidence(
-        offsets=_odd_presses(found, folder),
-        figures=_figures(fits, scored, falls, {BASE: before, after_words(found): after}, folder, progress),
-        reconstructed=_reconstructed_depth(found, reliefs, folder),
-        alike=_confusable_effects(found, folder),
-        cards=[_drawn(card, folder) for card in drawing.cards(found, private)],
-        plain=None if plain is None else _drawn(drawing.fitted_card(fitted, plain), folder),
-    )
-
-
-def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
+def keep_odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
+    """Draw how far each press lies from the others, where some are odd."""
     offsets = drawing.own_offsets(found)
     if offsets is None:
         return []
@@ -285,7 +220,8 @@ def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
     return [folder.keep(draw.draw_offsets(offsets), "offsets.png", caption=words)]
 
 
-def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
+def keep_confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
+    """Draw the separation of the effects."""
     table = drawing.confusability(found)
     if table is None:
         return []
@@ -296,7 +232,7 @@ def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
     return [folder.keep(draw.draw_confusability(*table), "confusability.png", caption=words)]
 
 
-def _reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[str]:
+def keep_reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[str]:
     """Draw the picture's depth over the certified one, and the residual of the height maps."""
     kept, seen, sight = [], drawing.sighting(found), found.search.sight
     if seen is not None and sight is not None:
@@ -328,11 +264,9 @@ def _dependence(one: ResidualMap) -> str:
     return f"The residual {', and '.join(said)}." if said else ""
 
 
-def _drawn(card: Card, folder: FigureFolder) -> Drawn:
-    """Return a candidate with the residual that it would leave, over the residuals without it and with it."""
-    if card.overlay is None:
-        return card, ""
-    name = "the instrument error" if card.key in PLAIN else card.key.replace("_", " ")
+def keep_overlay(base: Fit, candidate: Candidate, folder: FigureFolder) -> str:
+    """Draw the residual that a candidate would leave, over the residuals without it and with it."""
+    key = candidate.effect.key
+    name = "the instrument error" if key in PLAIN else key.replace("_", " ")
     words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
-    picture = draw.draw_overlay(card.overlay, name)
-    return card, folder.keep(picture, f"candidates/{card.key}.png", caption=words)
+    return folder.keep(draw.draw_overlay(overlay(base, candidate), name), f"candidates/{key}.png", caption=words)

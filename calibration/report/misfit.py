@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.diagnosis.covariates import DEPTH_BINS, press_trends, seen_covariates
-from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.score_test import Scored
-from calibration.diagnosis.vision_depth_check import face_error_mm, reading_error_mm
+from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
-from calibration.fit.repeats import repeatability_rms
 from calibration.inputs.conditions import Covariate, bins, repeat_groups
 from calibration.inputs.denoised_depth import BRANCHES, branches
 from calibration.inputs.observations import Observations
@@ -170,41 +168,16 @@ def error_fall_of_comparison(found: Comparison) -> ErrorFall:
 
 
 def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
-    """Return the error of the reconstructed depth, from as it is read on; nothing without fits to it."""
+    """Return the error of the reconstructed depth, from as it is read on; nothing without fits to it.
+
+    The error of the faces as well, where it is of slopes next to them.
+    """
     if not found:
         return ()
-    errors = [one.held_out_N for one in found]
-    return _picture_fall([one.fitted for one in found], [one.effects for one in found[1:]], errors)
-
-
-def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
-    """Return the error of the reconstructed depth, where effects on it were named."""
-    sight = found.search.sight
-    if sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
-        return ()
-    fits = [sight.base, *(step.fitted for step in sight.steps)]
-    keys = [step.best.effect.key for step in sight.steps]
-    effects = [keys[: k + 1] for k in range(len(keys))]
-    return _picture_fall(fits, effects, [reading_error_mm(one) for one in fits])
-
-
-def _picture_fall(
-    fits: Sequence[Fit], effects: Sequence[Sequence[str]], errors: Sequence[float]
-) -> tuple[ErrorFall]:
-    """Return the error of the reconstructed depth, and of the faces where it is of slopes next to them."""
-    fall = _fall(effects, errors, fits[-1], repeatability_rms(fits[-1]), True)
+    fits, effects = [one.fitted for one in found], [one.effects for one in found[1:]]
+    fall = _fall(effects, [one.held_out_N for one in found], fits[-1], found[-1].repeatability_N, True)
     faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
     return (replace(fall, models=(AS_READ, *fall.models), unit="mm", faces=faces),)
-
-
-def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
-    """Return the error of the base model and with each effect of the force that was named."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
-    errors, steps = found.errors.held_out_N, [keys[:k] for k in range(len(keys) + 1)]
-    known = all(map(math.isfinite, errors))
-    if not known:  # of the fitted presses, for the first and the last model
-        errors = (found.errors.before, *[math.nan] * (len(keys) - 1), found.errors.after)[: len(steps)]
-    return _fall(steps, errors, found.fits.fitted, found.errors.floor, known)
 
 
 def _fall(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.diagnosis.covariates import press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.fit.repeats import LEVEL
+from calibration.inputs.deadline import Progress
 from calibration.noise.reml import BEYOND_CHANCE
-from calibration.report import page, wording
-from calibration.report.misfit import AS_READ, BASE
+from calibration.report import figures, page, wording
+from calibration.report.figures import FigureFolder
+from calibration.report.misfit import AS_READ, BASE, error_falls, force_curves, model_names, residual_strips
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
@@ -82,14 +83,14 @@ def calibration_page(
     result: CalibrationResult | None,
     *,
     points: Sequence[CertifiedPoint],
-    figures: Sequence[str] = (),
+    fit: Sequence[str] = (),
     presses: Sequence[str] = (),
     notes: Sequence[str] = (),
     why: str = "all of them were rejected",
 ) -> str:
     """Return the page of one recording; `result` is None where its presses determine no material, with `why`.
 
-    `figures` and `presses`: HTML; `notes`: warnings without a result.
+    `fit` and `presses`: figures (HTML); `notes`: warnings without a result.
     """
     if result is None:
         head = page.paragraph("The presses of this recording determine no material: " + why, kind="lead bad")
@@ -99,7 +100,7 @@ def calibration_page(
     return page.page(
         title,
         head,
-        page.section("Force against depth", *figures),
+        page.section("Force against depth", *fit),
         details,
         page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")) if points else "",
         page.folded(
@@ -186,36 +187,28 @@ LAW = {"beta": "slope β"}  # parameters of the law in words
 OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of the material
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """Figures (HTML) of the error of each model, presses, residuals and the modulus; `every_press` is folded."""
-
-    fall: Sequence[str]
-    presses: Sequence[str]
-    strips: Sequence[str]
-    moduli: Sequence[str]
-    every_press: Sequence[str]
-
-
 def comparison_page(
-    title: str,
-    found: Comparison,
-    falls: Sequence[ErrorFall],
-    *,
-    figures: Figures,
-    try_next: Sequence[tuple[str, str]],
-    state: str,
+    found: Comparison, folder: FigureFolder, *, try_next: Sequence[tuple[str, str]], state: str, progress: Progress
 ) -> str:
-    """Return the page. `try_next`: purpose and command; `state`: a sentence on what was undone."""
-    folded = page.folded(f"Every press ({found.models[0].fitted.data.count})", *figures.every_press)
+    """Draw the figures and return the page.
+
+    `try_next`: purpose and command; `state`: a sentence on what was undone.
+    """
+    models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
+    fits = {name: model.fitted for name, model in models.items()}
+    moduli = {name: one.material.youngs_modulus for name, one in models.items() if one.material is not None}
+    falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
+    strips = residual_strips(fits, [one.covariates for one in found.models])
+    folded = page.folded(f"Every press ({data.count})", *figures.keep_every_press(curves, folder, progress))
+    forces = figures.keep_presses(curves, data.gel.thickness_mm, folder)
     return page.page(
-        title,
+        f"Comparison of {', '.join(found.stated.recordings)}",
         _comparison_head(found, falls, state),
-        page.section("How the error falls", *figures.fall),
-        page.section("Measured and modelled force", *figures.presses, folded),
-        page.section("Residual, and on what it depends", *figures.strips),
+        page.section("How the error falls", *figures.keep_falls(falls, folder)),
+        page.section("Measured and modelled force", *forces, folded),
+        page.section("Residual, and on what it depends", *figures.keep_strips(strips, folder)),
         page.section("Parameters", _parameters(found)),
-        page.section("Effect on the material", *figures.moduli, _material_rows(found)),
+        page.section("Effect on the material", *figures.keep_moduli(moduli, folder), _material_rows(found)),
         page.section(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),

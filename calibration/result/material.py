@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -332,11 +332,9 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     outside = theory.beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
     c, bend = next((c, bend) for one, c, bend in lines if one == radius)
     deep = theory.deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
+    known = replace(known, assumptions=(*common_assumptions(fitted), *known.assumptions))
     return CalibrationResult(
-        youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
-        c=c, beta=bend, reduced_modulus=known.reduced_modulus,
-        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, fitted=fitted,
-        by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
+        **{f.name: getattr(known, f.name) for f in fields(known)}, c=c, beta=bend, fitted=fitted, by_radius=lines,
         warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
         flags=("beta_outside_theory",) if outside else (),
     )  # fmt: skip

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from calibration.fit.identifiability import Identified
 from calibration.fit.least_squares import Fit, r_squared
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_MAX, Z95
-from tactilevision.records.measured import Estimate, Floats, Material, Pair
+from tactilevision.records.measured import Estimate, Material, Pair
 from tactilevision.records.rig import Gel
 
 # The outcome of a calibration, and its form on disk.
@@ -25,29 +26,21 @@ COVARIANCE_OF = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta")
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationResult:
+class CalibrationResult(Identified):
     """E, nu, c, beta with their intervals and assumptions, and how well the law fits.
 
-    `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c;
-    `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several; `routes` nu by
-    each route, used or not; `held_out_N` the rms error on presses held out of the fit; `noise_floor_N` the
-    repeatability.
+    `covariance` (4, 4) is of COVARIANCE_OF; `presses_rejected` pairs (press, reason); `by_radius` (radius, c,
+    beta) where there are several; `routes` nu by each route, used or not; `held_out_N` the rms error on
+    presses held out of the fit; `noise_floor_N` the repeatability.
     """
 
-    youngs_modulus: Estimate
-    poisson_ratio: Estimate
-    poisson_ratio_source: str
     c: Estimate
     beta: Estimate
-    reduced_modulus: Estimate
-    youngs_modulus_of_nu: tuple[Pair, ...]
-    covariance: Floats
     fitted: Fit
     noise_floor_N: float = float("nan")
     clock_offset: Estimate = NO_CLOCK
     presses_rejected: tuple[Pair | tuple[str, str], ...] = ()
     by_radius: tuple[tuple[float, Estimate, Estimate], ...] = ()
-    assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
     routes: tuple[Route, ...] = ()

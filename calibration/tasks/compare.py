@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import CANNOT_FIT, adopt, held_out_rms, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.unexplained import suggested
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
+from calibration.diagnosis.vision_depth_check import face_error_mm, fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
 from calibration.fit import depth_noise
 from calibration.fit.least_squares import Fit, fit
@@ -135,6 +136,21 @@ class Compared:
             ],
         }
 
+    def picture_as_json(self, base: Compared) -> dict[str, Any]:
+        """Return the entry of a model of the reconstructed depth; `base` is the one without effects."""
+        return {
+            "name": self.name,
+            "effects": list(self.effects),
+            "parameters": {name: estimate.as_json() for name, estimate in self.parameters},
+            "rms_error_mm": {
+                "held_out_before": base.held_out_N,
+                "held_out_after": self.held_out_N,
+                "floor": self.repeatability_N,
+                "faces_before": face_error_mm(base.fitted),
+                "faces_after": face_error_mm(self.fitted),
+            },
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -153,8 +169,10 @@ class Comparison:
     suggested: tuple[str, ...] = ()
 
     def as_json(self) -> list[dict[str, Any]]:
-        """Return the content of comparison.json."""
-        return [model.as_json(self.models[0]) for model in self.models]
+        """Return the content of comparison.json: the last model of the force names instrument errors to try."""
+        content = [model.as_json(self.models[0]) for model in self.models]
+        content[-1]["suggested"] = list(self.suggested)
+        return [*content, *(model.picture_as_json(self.pictured[0]) for model in self.pictured)]
 
 
 def compare(
@@ -289,6 +307,18 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
         repeatability_N=repeatability_rms(fitted),
         fitted=fitted,
     )
+
+
+def as_comparison(found: Diagnosis) -> Comparison:
+    """Return the effects that a diagnosis added as models, in the order of adding."""
+    keys, sight = tuple(effect.key for effect in found.effects), found.search.sight
+    steps = enumerate(found.fits.steps)
+    models = tuple(replace(_judge(fitted), effects=keys[:k]) for k, fitted in steps)
+    in_sight, pictured = keys[len(models) - 1 :], tuple[Compared, ...]()
+    if sight is not None and in_sight:
+        fits = (sight.base, *(step.fitted for step in sight.steps))
+        pictured = tuple(_as_read(fitted, in_sight[:k]) for k, fitted in enumerate(fits))
+    return Comparison(models, found.fits.base.data, pictured=pictured)
 
 
 def rms_of_presses(fitted: Fit) -> Floats:

@@ -24,7 +24,7 @@ from calibration.diagnosis.diagnosis import (
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
 from calibration.diagnosis.unexplained import nearest, unexplained
@@ -227,6 +227,7 @@ def _determine(
 ) -> Diagnosis:
     """Return the diagnosis that the two searches end in."""
     base, fitted = force.searched.base, force.fitted
+    steps = (base, *(step.fitted for step in force.steps))
     before = material_by_routes(base)
     alone = concluded(fitted, before if fitted is base else material_by_routes(fitted))
     both = [force] if sight is None else [force, sight]
@@ -253,7 +254,7 @@ def _determine(
         candidates=candidates,
         flags=tuple(flags),
         stopped=any(one.searched.stopped for one in both),
-        errors=_errors(base, force),
+        errors=_errors(base, fitted, steps),
         material=MaterialChange(before, after, unseen, alone.youngs_modulus.interval95),
         search=SearchRecord(
             score_test=force.searched.first.effects,
@@ -275,7 +276,7 @@ def _determine(
         presses=OddPresses(force.odd),
         limits=small,
         measure_next=next_best,
-        fits=Fits(base, fitted),
+        fits=Fits(base, fitted, steps),
     )
 
 
@@ -336,12 +337,9 @@ def _added(fitted: Fit, step: Step) -> Added:
     return Added(key, values, step.scored.p_adjusted, step.skill)
 
 
-def _errors(base: Fit, force: Outcome) -> Errors:
-    last, before = force.fitted, refit.held_out_rms(base)
-    after = before if last is base else refit.held_out_rms(last)
-    each = (after if step.fitted is last else refit.held_out_rms(step.fitted) for step in force.steps)
-    rms = (base.rms_error_N, last.rms_error_N)
-    return Errors(*rms, before, after, repeatability_rms(last), (before, *each))
+def _errors(base: Fit, last: Fit, steps: Sequence[Fit]) -> Errors:
+    rms, held_out = (base.rms_error_N, last.rms_error_N), (held_out_rms(base), held_out_rms(last))
+    return Errors(*rms, *held_out, repeatability_rms(last), tuple(map(held_out_rms, steps)))
 
 
 def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:

@@ -11,8 +11,10 @@ remedies are tried. Sets of heights are ranked by the information of their press
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from itertools import combinations, product
 from typing import Any
 
@@ -39,9 +41,9 @@ from tactilevision.errors import InputError
 from tactilevision.recording.model import Recording
 from tactilevision.records.constants import KILO, MICRO, NU_NOMINAL
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
-from tactilevision.records.rig import Gel, Indenter
+from tactilevision.records.rig import Gel, Indenter, stated
 
-USUAL_MODULUS_MPA: Pair = (0.2, 0.2)  # MPa: guess of E where none is given; soft silicone gels lie about it
+USUAL_MODULUS_MPA = 0.2  # guess of E where none is given; soft silicone gels lie about it
 USUAL_NU: Pair = (NU_NOMINAL, NU_NOMINAL)  # guess of Poisson's ratio where none is given
 
 
@@ -65,11 +67,29 @@ class Design:
     gel: Gel
     indenters: tuple[Indenter, ...]
     repeats: int = 3
-    youngs_modulus_MPa: Pair = USUAL_MODULUS_MPA
+    youngs_modulus_MPa: Pair = (USUAL_MODULUS_MPA, USUAL_MODULUS_MPA)
     poisson_ratio: Pair = USUAL_NU
     noise: PressNoise = field(default=PressNoise())
     lubricated: bool = False
     shared: Shared = field(default=Shared())
+
+    def with_stated(
+        self,
+        faces: tuple[Indenter, ...],
+        *,
+        gel: Mapping[str, Any],
+        each_face: Mapping[str, Any],
+        noise: Mapping[str, Any],
+        **own: Any,
+    ) -> Design:
+        """Return the design with these faces and what is stated, not None, of its parts and of itself.
+
+        A gel of stated radius is a disc; one whose std of nu is stated has the middle of nu's range.
+        """
+        found = stated(self, indenters=tuple(stated(face, **each_face) for face in faces), **own)
+        disc = {} if gel["radius_mm"] is None else {"shape": "disc"}
+        known = {} if gel["poisson_ratio_std"] is None else {"poisson_ratio": sum(found.poisson_ratio) / 2}
+        return replace(found, gel=stated(self.gel, **gel, **disc, **known), noise=stated(self.noise, **noise))
 
     @property
     def heights_mm(self) -> tuple[float, ...]:
@@ -130,6 +150,7 @@ class Forecast:
         }
 
 
+@lru_cache(maxsize=64)  # a plan asks for some designs again
 def forecast(design: Design) -> Forecast:
     """Return the worst margins of a design over its ranges of E and nu. Raises InputError if impossible."""
     check_design(design)
@@ -396,20 +417,8 @@ def plan(design: Design, *, goal: Goal | None = None) -> Plan:
 
 def least_repeats(design: Design, goal: Goal, *, most: int = MAX_REPEATS) -> Forecast | None:
     """Return the forecast with the fewest repeats that reach the goal; None where `most` do not."""
-    low, high, best = 0, 1, _at(design, 1)
-    while not goal.reached(best):
-        if high >= most:
-            return None
-        low, high = high, min(2 * high, most)
-        best = _at(design, high)
-    while high - low > 1:
-        middle = (low + high) // 2
-        found = _at(design, middle)
-        if goal.reached(found):
-            high, best = middle, found
-        else:
-            low = middle
-    return best
+    least = 1 + bisect_left(range(1, most + 1), True, key=lambda count: goal.reached(_at(design, count)))
+    return _at(design, least) if least <= most else None
 
 
 def fewest_presses(whole: Forecast, goal: Goal) -> Forecast:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import chain, pairwise
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, PlainValidator, TypeAdapter
 
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
@@ -17,14 +18,23 @@ from tactilevision.files.opening import number
 from tactilevision.files.writing import write_json
 
 if TYPE_CHECKING:
-    from calibration.tasks.compare import Comparison
+    from calibration.tasks.compare import Compared, Comparison
 
 
-_KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
-UNITS = ("N", "mm")  # of a step's errors: of the force, and of the reconstructed depth
 MAX_LABEL = 80  # letters of a state's name: one line of a page
 MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
-ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
+
+
+def _error(value: object) -> float:
+    found = number(value, what="an error", where="history.json")
+    return nan if found is None else found
+
+
+Text = Annotated[str, Field(pattern=r"^[^\x00]*$")]
+Key = Annotated[str, Field(pattern=r"^\w[\w.-]{0,80}(:\d{1,3})?$")]  # of an effect, with the number of its terms
+Error = Annotated[float, PlainValidator(_error)]  # NaN is null in a file
+Unit = Literal["N", "mm"]
+Seed = Annotated[int, Field(strict=True, ge=0, le=MAX_SEED)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,23 +45,23 @@ class Step:
     an effect on the picture's depth (`unit`); NaN where unknown.
     """
 
-    key: str
-    path: str = ""
-    rms_before_N: float = nan
-    rms_after_N: float = nan
-    held_out_before_N: float = nan
-    held_out_after_N: float = nan
-    repeatability_N: float = nan
-    unit: str = "N"
+    key: Key
+    path: Text = ""
+    rms_before_N: Error = nan
+    rms_after_N: Error = nan
+    held_out_before_N: Error = nan
+    held_out_after_N: Error = nan
+    repeatability_N: Error = nan
+    unit: Unit = "N"
 
 
 @dataclass(frozen=True, slots=True)
 class Labelled:
     """A named state: its steps and the presses excluded."""
 
-    name: str
+    name: Text
     steps: tuple[Step, ...] = ()
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[Text, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +72,13 @@ class History:
     held to what elastomers have; `left_out`: names of presses that are not fitted; `labels`: states with a name.
     """
 
-    recordings: tuple[str, ...]
+    recordings: tuple[Text, ...]
     steps: tuple[Step, ...] = ()
     undone: tuple[Step, ...] = field(default=())
     applied: bool = False
-    seed: int = 0
+    seed: Seed = 0
     prior: bool = True
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[Text, ...] = ()
     labels: tuple[Labelled, ...] = ()
 
     def add(self, step: Step) -> History:
@@ -133,7 +143,8 @@ def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Ste
     """Return a step for each effect added, with the errors before and after; `files` of private ones by key."""
     from calibration.effects import written
 
-    steps, kinds = [], (("N", found.models), ("mm", found.pictured))
+    steps = []
+    kinds: tuple[tuple[Unit, tuple[Compared, ...]], ...] = (("N", found.models), ("mm", found.pictured))
     for unit, before, model in ((unit, *pair) for unit, models in kinds for pair in pairwise(models)):
         key = model.effects[-1]
         kept = (effect for effect in model.fitted.model.effects if effect.key == key)
@@ -152,49 +163,10 @@ def load_history(path: Path | str) -> History:
             remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.",
         )
     try:
-        content = read_json(path)
-        return History(
-            tuple(map(_text, content["recordings"])),
-            tuple(map(_step, content["steps"])),
-            tuple(map(_step, content["undone"])),
-            applied=content.get("applied") is True,
-            seed=_seed(content.get("seed", 0)),
-            prior=content.get("prior") is not False,
-            left_out=tuple(map(_text, content.get("left_out", ()))),
-            labels=tuple(map(_labelled, content.get("labels", ()))),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as fault:
-        raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
-
-
-def _labelled(row: dict[str, Any]) -> Labelled:
-    return Labelled(_text(row["name"]), tuple(map(_step, row["steps"])), tuple(map(_text, row["left_out"])))
-
-
-def _step(row: dict[str, Any]) -> Step:
-    def error(name: str) -> float:
-        found = number(row.get(name), what=name, where="history.json")
-        return nan if found is None else found
-
-    key = _text(row["key"])
-    if not _KEY.fullmatch(key):
-        raise ValueError(f"{key!r} is no effect's key")
-    unit = row.get("unit", "N")
-    if unit not in UNITS:
-        raise ValueError(f"{unit!r} is no unit of an error")
-    return Step(key, _text(row["path"]), **{name: error(name) for name in ERRORS}, unit=unit)
-
-
-def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEED:
-        raise TypeError(f"{str(value)[:30]} is no seed")
-    return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str) or "\0" in value:
-        raise TypeError(f"{value!r} is no text")
-    return value
+        return TypeAdapter(History).validate_python(read_json(path))
+    except (OSError, ValueError) as fault:
+        why = " ".join(str(fault).split())[:160]
+        raise InputError("this is no history of an analysis", where=path, value=why) from fault
 
 
 def as_path(name: str) -> str:

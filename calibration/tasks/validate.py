@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.fit.finite_depth import USUAL_FRICTION
+from calibration.fit.finite_depth import NODES, USUAL_FRICTION
 from calibration.inputs.checks import check, half_width
 from calibration.inputs.deadline import SILENT, Progress
 from calibration.inputs.depth_path import in_phase
@@ -22,7 +22,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import MICRO, NU_MAX, TAILS95, Z95
+from tactilevision.records.constants import MICRO, NU_MAX, NU_SILICONE, TAILS95, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 
 # Trend of an error with depth: a straight line and Student's test of its slope.
@@ -80,7 +80,7 @@ FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)  # Coulomb's mu, from sliding freely to s
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
 MIN_COUNT = 2  # samples that a rival must reach to be one
-RIVALS = (*(np.arange(45, 50) / 100).tolist(), 0.495)  # values of nu that are compared at one stiffness
+RIVALS = tuple(nu for nu in NODES[:-1] if nu >= NU_SILICONE[0])  # values of nu compared at one stiffness
 
 
 @dataclass(frozen=True, slots=True)
