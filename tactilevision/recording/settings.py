@@ -222,7 +222,25 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple
     unit), and for impossible values.
     """
     _check_format(content, path)
-    return _checked(content, path)
+    unknown = list(_unknown(Settings, content, ()))
+    for place, value, meant in unknown:
+        if meant:
+            raise RecordingError(
+                f"{_key(place)} is not known",
+                where=path,
+                value=None if isinstance(value, dict) else value,
+                remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
+            )
+    try:
+        settings = Settings.model_validate(content)
+    except ValidationError as fault:
+        raise _translated(fault, path) from None
+    news = []
+    for place, _, _ in unknown:
+        homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
+        home = f"; it has one in {homes[0]}" if homes else " and is ignored"
+        news.append(f"{path.name}: {_key(place)} has no meaning here{home}")
+    return settings, (*news, *_implausible(content, path))
 
 
 def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
@@ -233,30 +251,8 @@ def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, t
     if "sensor" not in content:
         raise RecordingError("the table [sensor] is missing", where=path, remedy="Put kind = ... under [sensor].")
     alone = {"format": layout.FORMAT, "sensor": content["sensor"]}
-    settings, warnings = _checked(alone, path)
+    settings, warnings = check_settings(alone, path)
     return settings.sensor, warnings
-
-
-def _checked(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
-    unknown = list(_unknown(Settings, content, ()))
-    for place, meant in unknown:
-        if meant:
-            raise RecordingError(
-                f"{_key(place)} is not known",
-                where=path,
-                value=_at(content, place),
-                remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
-            )
-    try:
-        settings = Settings.model_validate(content)
-    except ValidationError as fault:
-        raise _translated(fault, path) from None
-    news = []
-    for place, _ in unknown:
-        homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
-        home = f"; it has one in {homes[0]}" if homes else " and is ignored"
-        news.append(f"{path.name}: {_key(place)} has no meaning here{home}")
-    return settings, (*news, *_implausible(content, path))
 
 
 def _check_format(content: Mapping[str, Any], path: Path) -> None:
@@ -277,15 +273,17 @@ def _check_format(content: Mapping[str, Any], path: Path) -> None:
         )
 
 
-def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) -> Iterator[tuple[_Place, str]]:
-    """Yield every unknown key's place, and the absent known key that it resembles, or ""."""
+def _unknown(
+    model: type[BaseModel], content: Mapping[str, Any], place: _Place
+) -> Iterator[tuple[_Place, Any, str]]:
+    """Yield every unknown key's place, its value, and the absent known key that it resembles, or ""."""
     known = {name: name for name in model.model_fields}
     for name, about in model.model_fields.items():
         known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
     absent = [name for name in model.model_fields if name not in content]
     for key, value in content.items():
         if key not in known:
-            yield (*place, key), nearest(key, absent)
+            yield (*place, key), value, nearest(key, absent)
             continue
         inner = model.model_fields[known[key]].annotation
         table = _table_of(inner)
@@ -344,12 +342,6 @@ def _key(place: _Place) -> str:
     names = [part for part in place if isinstance(part, str)]
     index = "".join(f"[{part}]" for part in place if isinstance(part, int))
     return f"[{'.'.join(names[:-1])}] {names[-1]}{index}" if len(names) > 1 else f"{names[0]}{index}"
-
-
-def _at(content: Any, place: _Place) -> Any:
-    for part in place:
-        content = content[part]
-    return None if isinstance(content, dict) else content
 
 
 def _implausible(content: Mapping[str, Any], path: Path) -> Iterator[str]:
