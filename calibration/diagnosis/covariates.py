@@ -49,11 +49,8 @@ def form_errors(steady: Fit) -> Floats:
         own = {*HOW_A_PRESS_GOES, *effect.seen_in}
         added = FORM * (steady.force_N - without)[:, None]
         found += [added * indicators(c, OTHER_BINS) for c in seen if c.name in own]
-    return _independent(np.hstack(found))
-
-
-def _independent(columns: Floats) -> Floats:
-    """Return independent columns (N, r) of the same covariance: bins of similar covariates repeat."""
+    # independent columns of the same covariance: bins of similar covariates repeat
+    columns = np.hstack(found)
     _, sizes, axes = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(columns @ axes[sizes > SAME * sizes.max(initial=0.0)].T)
 

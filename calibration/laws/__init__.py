@@ -7,11 +7,12 @@ from types import MappingProxyType
 
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
-from calibration.laws.round_bodies import Cone, Sphere
+from calibration.laws.round_bodies import RoundBody
 from calibration.model.stages import Law
 from tactilevision.errors import check_known
 
-LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper(), Sphere(), Cone())})
+_LAWS: tuple[Law, ...] = (FlatPunch(), Paper(), RoundBody("sphere"), RoundBody("cone"))
+LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in _LAWS})
 
 
 FLAT = "flat_cylinder"

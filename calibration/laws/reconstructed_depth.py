@@ -153,7 +153,8 @@ class ReconstructedDepth(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the reconstructed depth as its force."""
-        stated, changes = _stated(data), _changes(data)
+        stated = _stated(data)
+        changes = np.array([change for *_, change in _slope_errors(data)]).reshape(-1, data.size)
         share = np.sum(values[values.size - len(changes) :, None] * changes, axis=0)
         depth = state.depth_mm
         if data.slopes is not None:
@@ -220,12 +221,6 @@ def _slope_errors(data: Observations) -> list[tuple[str, float, Floats]]:
 def beside_face(data: Observations) -> Bools:
     """Return whether a sample (N,) is a slope next to a face, read as a depth in mm."""
     return np.asarray(_of_face(data) == 0)
-
-
-@lru_cache(maxsize=KEPT)
-def _changes(data: Observations) -> Floats:
-    """Return the changes by a unit of each error, (k, N)."""
-    return np.array([change for *_, change in _slope_errors(data)]).reshape(-1, data.size)
 
 
 def _share(name: str, std: float) -> Parameter:

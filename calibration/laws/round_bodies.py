@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from calibration.laws.flat_punch import modulus_parameter, poisson_parameter
 from calibration.model.composition import Composable
 from calibration.model.stages import Parameter, Prior, State, amplitude
 from tactilevision.errors import InputError
-from tactilevision.mechanics.round_contact import Ball, Cone as ConeBody, contact_curve
+from tactilevision.mechanics.round_contact import Ball, Cone, contact_curve
 from tactilevision.records.constants import NU_NOMINAL
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
@@ -38,24 +38,24 @@ NU_STEP = 0.01  # of nu between curves that a parabola joins
 RADIUS_STEP = 0.02  # of the logarithm of a ball's radius over thickness, between curves that a parabola joins
 STIFFNESS_STEP = 1e-4  # of the depth
 
-Body = Ball | ConeBody
+Body = Ball | Cone
 
 
-class _RoundBody(Composable):
-    """Law of a round body; a subclass names its shape and makes the body of an indenter."""
+@dataclass(frozen=True, slots=True)
+class RoundBody(Composable):
+    """Law of balls of `radius_mm`, or of cones with `half_angle_deg` between axis and side."""
 
-    key: ClassVar[str]
-    shape: ClassVar[str]
+    shape: Literal["sphere", "cone"]
 
-    @staticmethod
-    def body(indenter: Indenter) -> Body:
-        """Return the body of an indenter."""
-        raise NotImplementedError
+    @property
+    def key(self) -> str:
+        """The shape."""
+        return self.shape
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """Return E, nu, beta."""
         deep = int(np.argmax(data.depth_mm))
-        body = self.body(data.indenters[int(data.presses.indenter[data.press[deep]])])
+        body = _body(data.indenters[int(data.presses.indenter[data.press[deep]])])
         unit = _force_over_E(body, data.gel.thickness_mm, NU_NOMINAL, data.depth_mm[[deep]])
         prior = Prior(0.0, BETA_STD, "round contacts have no printed value")
         return (
@@ -79,40 +79,23 @@ class _RoundBody(Composable):
             rows = (number == k) & (state.depth_mm > 0)
             if rows.any():
                 radius = float(np.median(state.radius_mm[rows]))
-                body = self.body(replace(data.indenters[k], radius_mm=radius))
+                body = _body(replace(data.indenters[k], radius_mm=radius))
                 force[rows] = _on_layers(body, state.thickness_mm[rows], float(nu), state.depth_mm[rows])
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
         return np.asarray(modulus * state.factor * force * (1 + beta * strain))
 
 
-@dataclass(frozen=True, slots=True)
-class Sphere(_RoundBody):
-    """Law of indenters of shape "sphere"; `radius_mm` is the ball's."""
-
-    key = shape = "sphere"
-
-    @staticmethod
-    def body(indenter: Indenter) -> Body:
-        """Return the ball."""
+def _body(indenter: Indenter) -> Body:
+    """Return the ball or the cone. Raises InputError for a cone whose angle is not stated."""
+    if indenter.shape == "sphere":
         return Ball(indenter.radius_mm)
-
-
-@dataclass(frozen=True, slots=True)
-class Cone(_RoundBody):
-    """Law of indenters of shape "cone"; `half_angle_deg` is between its axis and its side."""
-
-    key = shape = "cone"
-
-    @staticmethod
-    def body(indenter: Indenter) -> Body:
-        """Return the cone. Raises InputError where its angle is not stated."""
-        if indenter.half_angle_deg is None:
-            raise InputError(
-                "a cone needs its angle",
-                where=f"[indenter.{indenter.name}]",
-                remedy="State half_angle_deg, between its axis and its side.",
-            )
-        return ConeBody(indenter.half_angle_deg)
+    if indenter.half_angle_deg is None:
+        raise InputError(
+            "a cone needs its angle",
+            where=f"[indenter.{indenter.name}]",
+            remedy="State half_angle_deg, between its axis and its side.",
+        )
+    return Cone(indenter.half_angle_deg)
 
 
 def _on_layers(body: Body, thickness_mm: Floats, nu: float, depth_mm: Floats) -> Floats:
@@ -121,12 +104,8 @@ def _on_layers(body: Body, thickness_mm: Floats, nu: float, depth_mm: Floats) ->
     if len(places) > NODES:
         places = np.linspace(places[0], places[-1], NODES)
     table = np.stack([_force_over_E(body, float(h), nu, depth_mm) for h in places])
-    if len(places) == 1:
-        return np.asarray(table[0])
-    low = np.clip(np.searchsorted(places, thickness_mm) - 1, 0, len(places) - 2)
-    part = (thickness_mm - places[low]) / (places[low + 1] - places[low])
-    columns = np.arange(depth_mm.size)
-    return np.asarray((1 - part) * table[low, columns] + part * table[low + 1, columns])
+    weights = [np.interp(thickness_mm, places, one) for one in np.eye(len(places))]
+    return np.asarray(np.sum(weights * table, axis=0))
 
 
 def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) -> Floats:
@@ -152,7 +131,7 @@ def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) 
 
 def _bodies(body: Body, thickness_mm: float) -> list[tuple[Body, float]]:
     """Return bodies on a layer of thickness 1 about this one, with weights: balls in steps of their radius."""
-    if isinstance(body, ConeBody):
+    if isinstance(body, Cone):
         return [(body, 1.0)]
     place = np.log(body.radius_mm / thickness_mm) / RADIUS_STEP
     middle = round(place)

@@ -65,7 +65,7 @@ def of_prior(gel: Gel, *, bulge: Estimate | None = None, bound: Pair | None = No
         )
         return (Route("prior", limits, used=within(bulge, bound) != bulge),)
     std = STATED_NU_STD if gel.poisson_ratio_std is None else gel.poisson_ratio_std
-    return (Route("prior", _estimate(gel.poisson_ratio, std), used=True),)
+    return (Route("prior", Estimate.normal(gel.poisson_ratio, std, "1"), used=True),)
 
 
 def of_radii(fitted: Fit) -> tuple[Route, ...]:
@@ -121,8 +121,7 @@ def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
     if beyond < -CUT_SIGMA:
         return nu
     if contradicts(nu, bound):
-        std = max(nu.std, (bound[0] - nu.value) / 2)
-        return replace(nu, std=std, interval95=(nu.value - Z95 * std, nu.value + Z95 * std))
+        return Estimate.normal(nu.value, max(nu.std, (bound[0] - nu.value) / 2), nu.unit)
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
     low, high = cut.ppf(TAILS95)
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
@@ -236,7 +235,3 @@ def contradictions(routes: Sequence[Route]) -> list[str]:
         + ("it is taken as stated" if exact else "its interval is widened to reach to each")
         + ". Check the stated one, the thickness and the radii"
     ]
-
-
-def _estimate(value: float, std: float) -> Estimate:
-    return Estimate(value, std, (value - Z95 * std, value + Z95 * std), "1")

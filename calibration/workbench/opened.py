@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +39,13 @@ class Seen:
     height: HeightMap
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Frames:
     """Frames of one recording with height maps on request; `evidence` of its certificate by press."""
 
     recording: Recording
     reconstructor: Reconstructor
     evidence: Mapping[str, Evidence] = field(default_factory=dict)
-    _kept: OrderedDict[int, Seen] = field(default_factory=OrderedDict)
     _turn: threading.Lock = field(default_factory=threading.Lock)
 
     def of_press(self, press: str) -> list[int]:
@@ -80,15 +79,12 @@ class Frames:
     def see(self, number: int) -> Seen:
         """Return one frame with its height map. Raises InputError for an unknown number or unreadable picture."""
         with self._turn:
-            if number not in self._kept:
-                frame = self._read(number)
-                self._kept[number] = Seen(
-                    self.reconstructor.rectified(frame), self.reconstructor.height_map(frame)
-                )
-                if len(self._kept) > KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(number)
-            return self._kept[number]
+            return self._seen(number)
+
+    @lru_cache(maxsize=KEPT)  # noqa: B019 - the frames live as long as the page
+    def _seen(self, number: int) -> Seen:
+        frame = self._read(number)
+        return Seen(self.reconstructor.rectified(frame), self.reconstructor.height_map(frame))
 
 
 def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, Any]:

@@ -31,9 +31,8 @@ from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, faults_of_flats
 from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.read import read_recording
-from tactilevision.records.constants import Z95
 from tactilevision.records.maps import Footprint, Frame, HeightMap, TractionMap, add, as_frame
-from tactilevision.records.measured import Bytes
+from tactilevision.records.measured import Bytes, Estimate
 from tactilevision.records.rig import Gel, Indenter
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched, untouched_frame
@@ -350,15 +349,11 @@ def stated_material(gel: Gel | None) -> dict[str, Any] | None:
     if gel is None or gel.youngs_modulus_MPa is None or gel.poisson_ratio is None:
         return None
     return {
-        "youngs_modulus_MPa": _estimate(gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa, "MPa"),
-        "poisson_ratio": _estimate(gel.poisson_ratio, gel.poisson_ratio_std, "1"),
+        "youngs_modulus_MPa": Estimate.normal(
+            gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa or 0.0, "MPa"
+        ).as_json(),
+        "poisson_ratio": Estimate.normal(gel.poisson_ratio, gel.poisson_ratio_std or 0.0, "1").as_json(),
         "poisson_ratio_source": "prior",
         "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
         "assumptions": ["E and nu are as stated of the gel, not measured here"],
     }
-
-
-def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
-    spread = std or 0.0
-    ends = [value - Z95 * spread, value + Z95 * spread]
-    return {"value": value, "std": spread, "interval95": ends, "unit": unit}

@@ -194,7 +194,8 @@ _lock = Lock()
 
 def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
     """Yield (index, rgb) for rising `indices`; rgb is None if the video ends before, or cannot be decoded."""
-    key = _key(path)
+    about = path.stat()
+    key = path, about.st_mtime_ns, about.st_size  # a file that was rewritten is another video
     capture, position = _take(key, indices[0] if indices else 0)
     going = True
     try:
@@ -222,12 +223,6 @@ def count_frames(path: Path) -> int:
 def stated_frames(path: Path) -> int:
     """Return the number of frames that the container states: often exact, at times an estimate, 0 if unknown."""
     return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-
-
-def _key(path: Path) -> _Key:
-    """Identify the file as it is now: one that was rewritten is another video."""
-    about = path.stat()
-    return path, about.st_mtime_ns, about.st_size
 
 
 def _take(key: _Key, first: int) -> tuple[cv2.VideoCapture, int]:

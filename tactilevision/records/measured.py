@@ -34,6 +34,11 @@ class Estimate:
     unit: str
     why: str = ""
 
+    @classmethod
+    def normal(cls, value: float, std: float, unit: str) -> Estimate:
+        """Return the estimate of a normal distribution."""
+        return cls(value, std, (value - Z95 * std, value + Z95 * std), unit)
+
     def as_json(self) -> dict[str, Any]:
         """Return the form of every result file: value, std, interval95, unit, and why, if there is one."""
         interval = None if self.interval95 is None else list(self.interval95)
@@ -119,9 +124,10 @@ class Material:
         found = {}
         for k, (name, unit) in enumerate((("youngs_modulus_MPa", "MPa"), ("poisson_ratio", "1"))):
             value = getattr(self, name)
-            std = None if self.covariance is None else float(np.sqrt(self.covariance[k, k]))
-            interval = None if std is None else (value - Z95 * std, value + Z95 * std)
-            found[name] = Estimate(value, std, interval, unit).as_json()
+            known = Estimate(value, None, None, unit)
+            if self.covariance is not None:
+                known = Estimate.normal(value, float(np.sqrt(self.covariance[k, k])), unit)
+            found[name] = known.as_json()
         return found
 
 

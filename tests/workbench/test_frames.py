@@ -79,6 +79,6 @@ def test_ten_thousand_frames_are_told_at_once_and_read_one_at_a_time(monkeypatch
     assert read == [9_000]
     for number in range(0, many, 50):
         made.see(number)
-    assert len(made._kept) == KEPT, "a long scrub does not fill the memory"
+    assert Frames._seen.cache_info().currsize == KEPT, "a long scrub does not fill the memory"
     with pytest.raises(InputError, match="no such frame"):
         made.small(many)
