@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
-from calibration.inputs.observations import press_names
 from calibration.report.misfit import BASE
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import suggest
@@ -82,9 +81,7 @@ def change(track: Track, action: str, value: str, opened: Opened) -> Track:
         case "remove":
             return track.then(now.remove(value))
         case "leave_out":
-            if value not in press_names(opened.data) or value in now.left_out:
-                raise InputError("there is no such press to exclude", where="workbench", value=value)
-            return track.then(replace(now, left_out=tuple(sorted((*now.left_out, value)))))
+            return track.then(replace(now, left_out=tuple(sorted({*now.left_out, value}))))
         case "put_back":
             if value not in now.left_out:
                 raise InputError("this press is not excluded", where="workbench", value=value)
