@@ -192,7 +192,7 @@ def comparison_page(
 ) -> str:
     """Draw the figures and return the page.
 
-    `try_next`: purpose and command; `state`: a sentence on what was undone.
+    `try_next`: purpose and command; `state`: a sentence on the steps taken back.
     """
     models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
     fits = {name: model.fitted for name, model in models.items()}

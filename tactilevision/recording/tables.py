@@ -169,11 +169,9 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
     try:
         if "_" in "".join(cells):
             raise ValueError  # float() ignores it
-        values = np.array(
-            [float(cell) if cell else math.nan for cell in cells] if empty_allowed else list(map(float, cells))
-        )
+        values = np.array([float(cell or "nan") for cell in cells])
     except ValueError:
-        values = np.array([_number(cell, empty_allowed) for cell in cells])
+        values = np.array([_number(cell) for cell in cells])
     faults = np.flatnonzero(np.isinf(values) if empty_allowed else ~np.isfinite(values))
     # _number has turned text into an infinity
     if faults.size:
@@ -188,9 +186,9 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
     return values
 
 
-def _number(cell: str, empty_allowed: bool) -> float:
+def _number(cell: str) -> float:
     try:
-        return math.inf if "_" in cell else float(cell) if cell.strip() or not empty_allowed else math.nan
+        return math.inf if "_" in cell else float(cell.strip() or "nan")
     except ValueError:
         return math.inf
 
