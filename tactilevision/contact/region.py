@@ -25,12 +25,10 @@ from tactilevision.robust import mad_std, median
 STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
 SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are computed
-REACH_PX = 6  # px: radius of the blur and the slope's stencil
 STD_STEP_PX = 4  # px: step of the pixels from which the median deviation of a map is taken
 MIN_SLOPE_PX = 3  # least number of pixels for a slope
 
-Window = tuple[slice, ...]
-WHOLE: Window = (slice(None), slice(None))
+Places = npt.NDArray[np.intp]  # of pixels in the flattened map
 
 
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
@@ -41,35 +39,25 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     colour than untouched gel (`strong_evidence`), which does not depend on the deviation. Specks do not count.
     Limits: records/contact_thresholds.py.
     """
-    found = np.zeros(height.depth_mm.shape, np.bool_)
     noise_mm = map_noise_mm(height)
     deep = in_question(height, noise_mm)
-    places = np.flatnonzero(deep)
-    if not places.size:
+    found = np.zeros_like(deep)
+    if not deep.any():
         return found
-    box = _bounds(deep)
-    sure = height.depth_mm.take(places) > _surely_mm(height, places, error=error, noise_mm=noise_mm)
-    strong = None
-    if np.count_nonzero(sure) < CONTACT.depth_min_px:
-        strong = _strong(height, places)
-        if np.count_nonzero(strong) < CONTACT.depth_min_px:
-            return found  # no region can have enough of either
+    places, box = np.flatnonzero(deep), _bounds(deep)
     count, labels = cv2.connectedComponents(deep[box].view(np.uint8), connectivity=4)
     region = labels[deep[box]]
-    sizes = np.bincount(region, minlength=count)
-    surely = np.bincount(region[sure], minlength=count)
+    sure = height.depth_mm.take(places) > _surely_mm(height, places, error=error, noise_mm=noise_mm)
+    sizes, surely = (np.bincount(some, minlength=count) for some in (region, region[sure]))
     unsure = (surely < CONTACT.depth_min_px) & (sizes >= CONTACT.depth_min_px)
     if unsure.any():
-        where = unsure[region]
-        strong = _strong(height, places[where]) if strong is None else strong[where]
-        strongly = np.bincount(region[where][strong], minlength=count)
+        strongly = np.bincount(region[strong_evidence(height).take(places)], minlength=count)
         unsure &= strongly < np.maximum(CONTACT.strong_share * sizes, CONTACT.depth_min_px)
     sizes[unsure | (sizes < CONTACT.depth_min_px)] = 0
     for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
         whole = labels == k
-        inner = _bounds(whole)
-        window = tuple(slice(o.start + i.start, o.start + i.stop) for o, i in zip(box, inner, strict=True))
-        found[window] |= _to_its_edge(height, window, whole[inner])
+        window = _bounds(whole)
+        found[box][window] |= _to_its_edge(height.depth_mm[box][window], whole[window], height.mm_per_px)
     return found
 
 
@@ -84,57 +72,29 @@ def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
     return np.asarray(height.valid & (height.depth_mm > limit_mm))
 
 
-def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools | None = None) -> Bools:
-    """Return the mask (h, w) of slopes or colours that untouched gel hardly has, whatever error the depth has.
+def strong_evidence(height: HeightMap) -> Bools:
+    """Return the mask (H, W) of slopes or colours that untouched gel hardly has, whatever error the depth has.
 
-    Of a `window` of the map. `among` (h, w): the pixels searched for steep ones. Empty for a map without
-    information.
+    Empty for a map without information.
     """
-    depth = height.depth_mm[window]
-    coloured = height.colour_change is not None and height.colour_change.max() > CONTACT.strong_colour_sigma
-    steep = _steep_window(depth, height.mm_per_px, among=among)
+    depth, std_mm = np.asarray(height.depth_mm, np.float32), height.std_mm
     strong = np.zeros(depth.shape, np.bool_)
-    if not (coloured or steep) or _is_blind(height):
+    if std_mm is not None and median(std_mm[::STD_STEP_PX, ::STD_STEP_PX].ravel()) > CONTACT.strong_blind_mm:
         return strong
-    if steep:
-        strong[steep] = _smooth_slope(depth[steep], height.mm_per_px)[1] > CONTACT.strong_slope
-    if coloured and height.colour_change is not None:
+    across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / height.mm_per_px[0]
+    down = cv2.norm(depth[1:], depth[:-1], cv2.NORM_INF) / height.mm_per_px[1]
+    if np.hypot(across, down) > CONTACT.strong_slope:  # else no mean of these slopes is so steep
+        strong |= _smooth_slope(depth, height.mm_per_px)[1] > CONTACT.strong_slope
+    if height.colour_change is not None and height.colour_change.max() > CONTACT.strong_colour_sigma:
         blocks = (height.colour_change > CONTACT.strong_colour_sigma).astype(np.uint8)
-        size = height.depth_mm.shape[::-1]
-        strong |= cv2.resize(blocks, size, interpolation=cv2.INTER_NEAREST)[window] > 0
+        strong |= cv2.resize(blocks, strong.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     return strong
 
 
-def _is_blind(height: HeightMap) -> bool:
-    if height.std_mm is None:
-        return False
-    return bool(median(height.std_mm[::STD_STEP_PX, ::STD_STEP_PX].ravel()) > CONTACT.strong_blind_mm)
-
-
-def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
-    """Return `strong_evidence` of some pixels (n,), by their places in the flattened map, computed around them
-    alone.
-    """
-    among = np.zeros(height.depth_mm.shape, np.bool_)
-    among.reshape(-1)[places] = True
-    window = _widened(_bounds(among), among.shape)
-    strong = np.zeros_like(among)
-    strong[window] = strong_evidence(height, window, among=among[window])
-    return strong.take(places)
-
-
-def _bounds(mask: Bools) -> Window:
-    """Return the smallest window that holds all pixels of a mask (h, w); empty where there are none."""
+def _bounds(mask: Bools) -> tuple[slice, slice]:
+    """Return the smallest window that holds all pixels of a mask (h, w)."""
     left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
     return slice(top, top + down), slice(left, left + across)
-
-
-def _widened(box: Window, shape: tuple[int, ...]) -> Window:
-    """Return the window of a map of this shape that holds all that enters the slopes of a box."""
-    return tuple(
-        slice(max(0, side.start - REACH_PX), min(size, side.stop + REACH_PX))
-        for side, size in zip(box, shape, strict=True)
-    )
 
 
 def at_border(contact: Bools) -> bool:
@@ -151,11 +111,11 @@ def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str,
     return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
 
 
-def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
-    """Return the part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
+def _to_its_edge(depth_mm: Array, region: Bools, mm_per_px: Pair) -> Bools:
+    """Return the part of a `region` (h, w) of depths (h, w) mm that lies behind its steepest line."""
     if min(region.shape) < MIN_SLOPE_PX:
         return region
-    smooth, steepness = _smooth_slope(height.depth_mm[window], height.mm_per_px)
+    smooth, steepness = _smooth_slope(depth_mm, mm_per_px)
     depth, slope = smooth[region], steepness[region]
     least, most = float(depth.min()), float(depth.max())
     step = (most - least) / LEVELS
@@ -171,43 +131,20 @@ def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
 def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     """Return the smoothed depth (h, w) mm and its slope, mm per mm."""
     smooth = cv2.GaussianBlur(np.asarray(depth_mm, np.float32), (0, 0), SMOOTH_PX)
-    wide = cv2.copyMakeBorder(smooth, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    across, down = wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
-    across *= 0.5 / mm_per_px[0]
-    down *= 0.5 / mm_per_px[1]
+    border = cv2.BORDER_REPLICATE
+    across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5 / mm_per_px[0], borderType=border)
+    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5 / mm_per_px[1], borderType=border)
     across[:, [0, -1]] *= 2  # one-sided differences
     down[[0, -1]] *= 2
     return smooth, cv2.magnitude(across, down)
 
 
-def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> Window | None:
-    """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope.
+def _surely_mm(height: HeightMap, places: Places, *, error: DepthError | None, noise_mm: float) -> Array | float:
+    """Return the depth (n,) mm that untouched gel reaches at none of the `places` in one picture of two.
 
-    None if there are none. A smooth slope is a mean of pixel-to-pixel slopes within REACH_PX, so no steeper than
-    the steepest of them.
+    0 if no deviation is known.
     """
-    depth = np.asarray(depth_mm, np.float32)
-    across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]
-    down = cv2.norm(depth[1:], depth[:-1], cv2.NORM_INF) / mm_per_px[1]
-    if np.hypot(across, down) <= CONTACT.strong_slope:
-        return None
-    if among is None:
-        return WHOLE
-    steps = np.zeros(depth.shape, np.uint8)  # a step in either direction of at least 1 / sqrt(2) of the limit
-    limit = CONTACT.strong_slope / np.sqrt(2.0)
-    steps[:, 1:] |= ~(cv2.absdiff(depth[:, 1:], depth[:, :-1]) <= np.float32(limit * mm_per_px[0]))
-    steps[1:] |= ~(cv2.absdiff(depth[1:], depth[:-1]) <= np.float32(limit * mm_per_px[1]))
-    near = cv2.dilate(steps, np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)).view(np.bool_) & among
-    return _widened(_bounds(near), depth.shape) if near.any() else None
-
-
-def _surely_mm(
-    height: HeightMap, places: npt.NDArray[np.intp], *, error: DepthError | None, noise_mm: float
-) -> Array | float:
-    """Return the depth (n,) mm that untouched gel reaches at none of the pixels at `places` (n,) of the flattened
-    map in one picture of two; 0 if no deviation is known.
-    """
-    std_mm = untouched_std(height, error, places=places, noise_mm=noise_mm)
+    std_mm = untouched_std(height, error, noise_mm=noise_mm, places=places)
     if std_mm is None:
         return 0.0
     return wide_depth_limit_mm(std_mm, height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1])
@@ -228,29 +165,22 @@ SAMPLED = 4000  # approximate number of pixels that determine a map's roughness
 
 
 def untouched_std(
-    height: HeightMap,
-    error: DepthError | None,
-    *,
-    every: int = 1,
-    places: npt.NDArray[np.intp] | None = None,
-    noise_mm: float | None = None,
+    height: HeightMap, error: DepthError | None, *, noise_mm: float, places: Places | None = None
 ) -> Array | None:
-    """Return the standard deviation (h, w) in mm of untouched depth, of every `every`th pixel each way.
+    """Return the standard deviation (H, W) mm of untouched depth in a map of this noise, or at its `places` (n,).
 
-    Only at the `places` (n,) of the flattened (h, w) where they are given, (n,). `error` is that of the method
-    which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map where it is
-    known.
+    `error` is that of the method which made the map; None: the map's own deviation, which may itself be None.
     """
+    if height.std_mm is None:
+        return None
 
     def wanted(grid: Array) -> Array:
         return grid if places is None else grid.take(places)
 
-    if height.std_mm is None or error is None:
-        return None if height.std_mm is None else wanted(height.std_mm[::every, ::every])
-    depth, std = (np.asarray(many[::every, ::every], np.float32) for many in (height.depth_mm, height.std_mm))
-    gain_square, least = map(wanted, error.in_pixels(depth.shape))
-    depth, std = wanted(depth), wanted(std)
-    noise_mm = map_noise_mm(height) if noise_mm is None else noise_mm
+    if error is None:
+        return wanted(height.std_mm)
+    depth, std = (np.asarray(wanted(grid), np.float32) for grid in (height.depth_mm, height.std_mm))
+    gain_square, least = map(wanted, error.in_pixels(height.depth_mm.shape))
     square = np.maximum(std * std - gain_square * depth * depth, least)
     return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(noise_mm**2)))
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import skfem
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -20,7 +21,7 @@ from tactilevision.files.writing import replacing
 from tactilevision.force.kernel import LayerStress, layer_stress
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import MICRO, TINY
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
 
 # Cache of tables that take seconds to compute, under a hash of what they depend on. The folder is
@@ -63,267 +64,177 @@ def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
         return None
 
 
-# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, discontinuous pressure P1.
+# Finite elements of a nearly incompressible solid: quadratic displacement, linear discontinuous pressure.
 #
-#     K = Int 2 mu eps : eps + B^T (M/lambda)^-1 B,      B = Int p div u,  M = Int p p
+#     K = Int 2 mu eps(v) : eps(u) + lambda P(div v) P(div u),      P: projection on 1, x, y, z in each element
 #
-# The pressure (1, x, y, z about the element's middle) is condensed inside each element; the pair is stable and
-# does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3. Nodes of an element: index = a + 3 b + 9 c for
-# the places (a, b, c) in {0, 1, 2}^3 along its own axes.
+# P is the pressure, condensed inside each element; the pair is stable and does not lock as nu -> .5. The gel is
+# its face times the line from the face to the base, and so is each basis function: integrals over the gel are
+# products of one over the face and one over the line, and each block of K is a sum of Kronecker products. Modulus
+# 1 MPa.
 #
-# Source: Hughes, The Finite Element Method (1987), section 4.4 and table 4.3; Boffi, Brezzi, Fortin, Mixed Finite
-# Element Methods (2013), section 8.7 (Q2/P-1).
+# Source: Hughes, The Finite Element Method (1987), section 4.4; Boffi, Brezzi, Fortin, Mixed Finite Element
+# Methods (2013), section 8.7 (Q2/P-1).
 
 Indices = npt.NDArray[np.intp]
-GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)  # on (-1, 1)
-
-
-def quadratic(xi: Floats) -> tuple[Floats, Floats]:
-    """Return the values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
-    values = np.stack([xi * (xi - 1) / 2, 1 - xi**2, xi * (xi + 1) / 2])
-    return values, np.stack([xi - 0.5, -2 * xi, xi + 0.5])
-
-
-def shape_functions() -> tuple[Floats, Floats, Floats]:
-    """Return values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes and weights (27,) at the
-    27 points.
-    """
-    value, slope = quadratic(GAUSS)
-    values = np.einsum("ip,jq,kr->rqpkji", value, value, value).reshape(27, 27)
-    slopes = [
-        np.einsum("ip,jq,kr->rqpkji", *parts).reshape(27, 27)
-        for parts in ((slope, value, value), (value, slope, value), (value, value, slope))
-    ]
-    weights = np.einsum("i,j,k->kji", GAUSS_WEIGHT, GAUSS_WEIGHT, GAUSS_WEIGHT).ravel()
-    return values, np.stack(slopes, axis=-1), weights
-
-
-def stiffness(nodes_mm: Floats, elements: Indices, *, poisson_ratio: float) -> sparse.csc_matrix:
-    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa.
-
-    Unknown 3 n + i is node n along i.
-    """
-    chunks = np.array_split(elements, max(1, len(elements) // 200))
-    blocks = np.concatenate([_element_matrices(nodes_mm[chunk], poisson_ratio) for chunk in chunks])
-    dofs = (3 * elements[:, :, None] + np.arange(3)).reshape(len(elements), 81)
-    rows, columns = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
-    size = 3 * len(nodes_mm)
-    return sparse.csc_matrix(sparse.coo_matrix((blocks.ravel(), (rows, columns)), shape=(size, size)))
-
-
-def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
-    """Return (m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
-    values, slopes, weights = shape_functions()
-    jacobian = np.einsum("pna,mni->mpia", slopes, corners)
-    measure = np.linalg.det(jacobian) * weights
-    gradient = np.einsum("pna,mpai->mpni", slopes, np.linalg.inv(jacobian))
-    mu = 1 / (2 * (1 + poisson_ratio))
-    lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
-    weighted = gradient * measure[..., None, None]
-    m = len(corners)
-    # 2 mu eps(u):eps(v) = mu (u_i,j v_i,j + u_i,j v_j,i): `same` is the first, `cross` the second
-    same = np.einsum("mpna,mpka->mnk", weighted, gradient, optimize=True)
-    cross = np.matmul(weighted.transpose(0, 2, 3, 1).reshape(m, 81, 27), gradient.reshape(m, 27, 81))
-    matrix = mu * cross.reshape(m, 27, 3, 27, 3).transpose(0, 1, 4, 3, 2)
-    for i in range(3):
-        matrix[:, :, i, :, i] += mu * same
-    matrix = matrix.reshape(m, 81, 81)
-    place = np.einsum("pn,mni->mpi", values, corners) - corners.mean(axis=1)[:, None]
-    basis = np.concatenate([np.ones((m, 27, 1)), place], axis=2)
-    mass = np.einsum("mp,mpa,mpb->mab", measure, basis, basis, optimize=True)
-    divergence = np.einsum("mpa,mpni->mani", basis, weighted, optimize=True).reshape(m, 4, 81)
-    projected = np.matmul(divergence.transpose(0, 2, 1), np.linalg.solve(mass, divergence))
-    return np.asarray(matrix + lame * projected)
-
-
-# Mesh of a gel: a rectangle in rows and columns, a disc as a square core with four petals round it. Nodes are
-# numbered layer by layer, from the free face z = 0 to the base z = h. Elements are smaller towards the free face
-# and the sides; geometry is quadratic, so that a disc's side is round.
-
-DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
-CORE = 0.55  # of the disc's radius: what the elements of a petal leave to its core
-SQUARE = 0.75 * CORE  # half side of that square core, of the radius
+Blocks = list[list[sparse.csr_array]]  # [a][b] over x, y, z: derivatives of the test and of the trial function
+DEGREE = 5  # of the polynomials that the quadrature integrates exactly: three points along each axis
 
 
 @dataclass(frozen=True, slots=True)
 class GelMesh:
-    """`nodes_mm` (N, 3), `elements` (M, 27); `per_layer` nodes in each of the `layers` levels (base last);
-    `edges` (S, 3) nodes of one layer along each element's side on the wall, the gel on the left hand going
-    along."""
+    """Bases of the gel's `face` (N nodes) and of the `line` from it, z = 0, to the base (K nodes).
 
-    nodes_mm: Floats
-    elements: Indices
-    per_layer: int
-    depths_mm: Floats
-    edges: Indices
+    Unknown (i K + k) N + n is the displacement along i of the face's node n at the line's node k.
+    """
+
+    face: skfem.Basis
+    line: skfem.Basis
+
+    @property
+    def above_base(self) -> Bools:
+        """Which of the line's nodes (K,) are not fixed."""
+        return np.asarray(self.line.doflocs[0] < self.line.doflocs[0].max())
+
+    @property
+    def numbers(self) -> Indices:
+        """Numbers (3, K, N) of the unknowns."""
+        return np.arange(3 * self.line.N * self.face.N).reshape(3, self.line.N, self.face.N)
 
     @property
     def free(self) -> Indices:
         """Unknowns that are not fixed at the base."""
-        return np.arange(3 * self.per_layer * (len(self.depths_mm) - 1))
+        return self.numbers[:, self.above_base].ravel()
+
+
+def stiffness(mesh: GelMesh, *, poisson_ratio: float) -> sparse.csc_array:
+    """Return K of all unknowns, (3 K N, 3 K N), at modulus 1 MPa."""
+    mu = 1 / (2 * (1 + poisson_ratio))
+    lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    face, face_0, face_1 = (_integrals(mesh.face, (0, 1), degree) for degree in (None, 0, 1))
+    line, line_0, line_1 = (_integrals(mesh.line, (2,), degree) for degree in (None, 0, 1))
+    whole = [[sparse.kron(line[a][b], face[a][b]) for b in range(3)] for a in range(3)]
+    trace = whole[0][0] + whole[1][1] + whole[2][2]
+
+    def block(i: int, j: int) -> Any:
+        """2 mu eps : eps = mu (u_i,j v_i,j + u_i,j v_j,i); 1, x, y over the face or z over the line in P."""
+        volume = sparse.kron(line_0[i][j], face_1[i][j] - face_0[i][j]) + sparse.kron(line_1[i][j], face_0[i][j])
+        strain = whole[j][i] + trace if i == j else whole[j][i]
+        return mu * strain + lame * volume
+
+    return sparse.csc_array(sparse.block_array([[block(i, j) for j in range(3)] for i in range(3)]))
+
+
+def _integrals(basis: skfem.Basis, axes: tuple[int, ...], degree: int | None) -> Blocks:
+    """Return the integrals of two basis functions, each derived by x, y or z if that is one of the basis's `axes`.
+
+    With a `degree`, 0 or 1, both are projected on the polynomials of that degree in each element first.
+    """
+    weight, dofs = np.asarray(basis.dx)[:, :, None], basis.element_dofs.T
+    parts = [
+        np.stack([one.grad[axes.index(a)] if a in axes else np.asarray(one) for (one,) in basis.basis], axis=-1)
+        for a in range(3)
+    ]  # (elements, points, nodes)
+    if degree is not None:
+        places = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
+        modes = np.concatenate([np.ones_like(weight), places], axis=-1)[..., : 1 + degree * len(axes)]
+        moments = (weight * modes).transpose(0, 2, 1)
+        parts = [modes @ np.linalg.solve(moments @ modes, moments @ part) for part in parts]
+    rows, columns = np.repeat(dofs, dofs.shape[1], axis=1).ravel(), np.tile(dofs, dofs.shape[1]).ravel()
+
+    def summed(test: Floats, trial: Floats) -> sparse.csr_array:
+        entries = (weight * test).transpose(0, 2, 1) @ trial
+        return sparse.csr_array((entries.ravel(), (rows, columns)), shape=(basis.N, basis.N))
+
+    return [[summed(test, trial) for trial in parts] for test in parts]
+
+
+# Mesh of a gel: a rectangle in rows and columns, a disc as a square core with four petals round it. Elements are
+# smaller towards the free face and the sides; geometry is quadratic, so that a disc's side is round.
+
+DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
+CORE = 0.55  # of the disc's radius: what the elements of a petal leave to its core
+SQUARE = 0.75 * CORE  # half side of that square core, of the radius
+NEAREST = 12  # elements that a place is looked for in
+NEWTON_ROUNDS = 12
 
 
 def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
     """Mesh a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
     if gel.shape == "disc" and gel.radius_mm is not None:
-        patches = _disc(gel.radius_mm, element_mm)
+        face = _disc(gel.radius_mm, element_mm)
     elif gel.size_mm is not None:
-        patches = [_rectangle(gel.size_mm, element_mm)]
+        face = skfem.MeshQuad.init_tensor(
+            *(_graded(max(4, int(np.ceil(length / element_mm)))) * length / 2 for length in gel.size_mm)
+        )
     else:
         raise ValueError("an unbounded gel has no sides")
-    places, quads = _merge(patches)
-    ends = DEPTHS * gel.thickness_mm
-    depths = _with_middles(ends)
-    nodes = np.concatenate([np.column_stack([places, np.full(len(places), z)]) for z in depths])
-    layers = [
-        np.concatenate([quads + (2 * k + level) * len(places) for level in range(3)], axis=1)
-        for k in range(len(ends) - 1)
-    ]
-    return GelMesh(nodes, np.concatenate(layers), len(places), depths, _outline(quads))
-
-
-def _rectangle(size_mm: tuple[float, float], element_mm: float) -> Floats:
-    """Return the node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
-    axes = [_graded(max(4, int(np.ceil(length / element_mm)))) * length / 2 for length in size_mm]
-    x, y = np.meshgrid(*axes)
-    return np.stack([x, y], axis=-1)
+    line = skfem.MeshLine(DEPTHS * gel.thickness_mm)
+    return GelMesh(
+        skfem.Basis(face, skfem.ElementQuad2(), intorder=DEGREE),
+        skfem.Basis(line, skfem.ElementLineP2(), intorder=DEGREE),
+    )
 
 
 def _graded(count: int) -> Floats:
-    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends."""
+    """Return the ends of elements on [-1, 1], smaller towards both ends."""
     even = np.linspace(-1, 1, count + 1)
-    return _with_middles(even + 0.6 * np.sin(np.pi * even) / np.pi)
+    return np.asarray(even + 0.6 * np.sin(np.pi * even) / np.pi)
 
 
-def _with_middles(ends: Floats) -> Floats:
-    """Return the ends of elements (n,) with the middle of each between them (2 n - 1,)."""
-    return np.interp(np.arange(2 * len(ends) - 1) / 2, np.arange(len(ends)), ends)
-
-
-def _disc(radius_mm: float, element_mm: float) -> list[Floats]:
+def _disc(radius_mm: float, element_mm: float) -> skfem.MeshQuad2:
+    """Mesh a square with a square core and a ring of four petals, made round."""
     side = max(4, int(np.ceil(np.pi / 2 * radius_mm / element_mm)))
     out = max(3, int(np.ceil((1 - CORE) * radius_mm / element_mm)) + 1)
-    flat = np.linspace(-1, 1, 2 * side + 1)
-    inner = np.stack([np.full_like(flat, 1.0), flat], axis=-1) * SQUARE * radius_mm
-    patches = [np.stack(np.meshgrid(inner[:, 1], inner[:, 1]), axis=-1)]
-    step = _with_middles(1 - np.linspace(1, 0, out + 1) ** 1.4)
-    angle = flat * np.pi / 4
-    outer = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius_mm
-    petal = inner[:, None, :] * (1 - step)[None, :, None] + outer[:, None, :] * step[None, :, None]
-    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    return patches + [petal @ np.linalg.matrix_power(quarter, turns) for turns in range(4)]
+    flat = np.linspace(-1, 1, side + 1)
+    square = skfem.MeshQuad.init_tensor(SQUARE * flat, SQUARE * flat)
+    petal = skfem.MeshQuad.init_tensor(1 - (1 - SQUARE) * np.linspace(1, 0, out + 1) ** 1.4, flat)
+    place = np.stack([petal.p[0], petal.p[0] * petal.p[1]])
+    for _ in range(4):
+        place = np.stack([-place[1], place[0]])
+        square += skfem.MeshQuad(place, petal.t)
+    whole = skfem.MeshQuad2.from_mesh(square)
+    return replace(whole, doflocs=radius_mm * _rounded(whole.doflocs))
 
 
-def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
-    """Merge equal places (N, 2); return them and nine-node quads (M, 9), x fastest within each."""
-    places = np.concatenate([p.reshape(-1, 2) for p in patches])
-    scale = np.abs(places).max()
-    _, first, number = np.unique(np.round(places / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
-    quads, start = [], 0
-    for patch in patches:
-        rows, columns = patch.shape[:2]
-        grid = number.ravel()[start + np.arange(rows * columns)].reshape(rows, columns)
-        start += rows * columns
-        corners = (grid[j : rows - 2 + j : 2, i : columns - 2 + i : 2] for j in range(3) for i in range(3))
-        quads.append(np.stack([corner.ravel() for corner in corners], axis=1))
-    return places[first], np.concatenate(quads)
+def _rounded(places: Floats) -> Floats:
+    """Return places (2, n) of a square of half side 1 in a disc of radius 1: straight from the core to the rim."""
+    far = np.abs(places).max(axis=0)
+    square = places / np.maximum(far, TINY)
+    rim = np.tan(np.pi / 4 * square)
+    rim /= np.maximum(np.hypot(*rim), TINY)
+    step = np.maximum(far - SQUARE, 0) / (1 - SQUARE)
+    return np.asarray(np.minimum(far, SQUARE) * square * (1 - step) + rim * step)
 
 
-def _outline(quads: Indices) -> Indices:
-    """Return the sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the
-    element.
-    """
-    sides = np.concatenate([quads[:, list(side)] for side in ((0, 1, 2), (2, 5, 8), (8, 7, 6), (6, 3, 0))])
-    _, number, count = np.unique(sides[:, 1], return_inverse=True, return_counts=True)
-    return np.asarray(sides[count[number] == 1])
+def _shares(basis: skfem.Basis) -> sparse.csr_array:
+    """Return the nodal load (points, nodes) of a unit load density at each of the basis's quadrature points."""
+    values = np.stack([np.asarray(one) for (one,) in basis.basis]) * basis.dx
+    points = np.broadcast_to(np.arange(basis.dx.size).reshape(basis.dx.shape), values.shape)
+    nodes = np.broadcast_to(basis.element_dofs[:, :, None], values.shape)
+    return sparse.csr_array((values.ravel(), (points.ravel(), nodes.ravel())), shape=(basis.dx.size, basis.N))
 
 
-def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
-    """Return the nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9)
-    there.
+def interpolation(basis: skfem.Basis, places_mm: Floats) -> sparse.csr_array:
+    """Return the matrix (P, N) from nodal values to `places_mm` (P, 2): Newton's method in the nearest elements.
 
     Raises ValueError for a place outside the mesh.
     """
-    quads = mesh.elements[mesh.elements[:, 0] < mesh.per_layer][:, :9]
-    corners = mesh.nodes_mm[quads][:, :, :2]
-    nodes, values = np.empty((len(places_mm), 9), dtype=np.intp), np.empty((len(places_mm), 9))
-    middle, reach = corners[:, 4], np.abs(corners - corners[:, 4:5]).max(axis=(1, 2))
-    for p, place in enumerate(places_mm):
-        for quad in np.argsort(np.hypot(*(middle - place).T) / reach)[:12]:
-            local = _local(corners[quad], place)
-            if np.abs(local).max() < 1 + MICRO:
-                nodes[p], values[p] = quads[quad], _face_functions(local)[0]
-                break
-        else:
-            raise ValueError(f"the place {place} lies outside the mesh")
-    return nodes, values
-
-
-def _local(corners: Floats, place: Floats) -> Floats:
-    """Return the coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
-    local = np.zeros(2)
-    for _ in range(12):
-        shape, *slopes = _face_functions(local) @ corners
-        step = np.linalg.solve(np.transpose(slopes), place - shape)
-        local = np.clip(local + step, -2, 2)
-        if np.abs(step).max() < 1e-10:
-            break
-    return local
-
-
-def _face_functions(local: Floats) -> Floats:
-    """Return the nine shape functions, and their slopes along both axes, (3, 9), at a place in [-1, 1]^2."""
-    ((x, y), (dx, dy)) = (part.T for part in quadratic(local))
-    return np.stack([np.outer(y, x).ravel(), np.outer(y, dx).ravel(), np.outer(dy, x).ravel()])
-
-
-@dataclass(frozen=True, slots=True)
-class WallPoints:
-    """`places_mm` (Q, 2) and outward `normals` (Q, 2) along the outline; `depths_mm` (L,) of the levels.
-
-    `weights` (L, U, Q, 3): nodal force on the wall's unknown u by a unit traction along i at point q of level l.
-    `unknowns` (U,): numbers of those unknowns in the mesh.
-    """
-
-    places_mm: Floats
-    normals: Floats
-    depths_mm: Floats
-    weights: Floats
-    unknowns: npt.NDArray[np.intp]
-
-
-def wall_points(mesh: GelMesh) -> WallPoints:
-    """Return three by three points on every element's side on the wall."""
-    value, slope = quadratic(GAUSS)
-    corners = mesh.nodes_mm[mesh.edges, :2]
-    places = np.einsum("np,eni->epi", value, corners).reshape(-1, 2)
-    along = np.einsum("np,eni->epi", slope, corners).reshape(-1, 2)
-    length = np.hypot(*along.T)
-    normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
-    nodes = np.unique(mesh.edges)
-    spread = np.zeros((len(nodes), len(places)))  # nodal share of a unit line load at each point
-    node, point = np.searchsorted(nodes, mesh.edges)[:, :, None], np.arange(len(places)).reshape(-1, 1, 3)
-    spread[node, point] = value * GAUSS_WEIGHT * length.reshape(-1, 1, 3)
-    depths, level_share = _levels(mesh.depths_mm)
-    free = len(mesh.depths_mm) - 1
-    weights = np.zeros((len(depths), free, len(nodes), 3, len(places), 3))
-    for i in range(3):
-        weights[:, :, :, i, :, i] = level_share[:, :free, None, None] * spread
-    unknowns = 3 * (np.arange(free)[:, None] * mesh.per_layer + nodes)[:, :, None] + np.arange(3)
-    return WallPoints(places, normals, depths, weights.reshape(len(depths), -1, len(places), 3), unknowns.ravel())
-
-
-def _levels(depths_mm: Floats) -> tuple[Floats, Floats]:
-    """Return the quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its
-    length.
-    """
-    value, _ = quadratic(GAUSS)
-    ends = depths_mm[::2]
-    half = np.diff(ends) / 2
-    share = np.zeros((len(half), 3, len(depths_mm)))
-    for element, size in enumerate(half):
-        share[element, :, 2 * element : 2 * element + 3] = size * (value * GAUSS_WEIGHT).T
-    return ((ends[:-1] + half)[:, None] + np.outer(half, GAUSS)).ravel(), share.reshape(-1, len(depths_mm))
+    middle, size = basis.mapping.F(np.full((2, 1), 0.5))[:, :, 0], np.sqrt(np.sum(basis.dx, axis=1))
+    near = np.argsort(np.hypot(*(places_mm.T[:, :, None] - middle[:, None])) / size, axis=1)[:, :NEAREST]
+    cells, target = near.ravel(), np.repeat(places_mm.T, near.shape[1], axis=1)[:, :, None]
+    local = np.full(target.shape, 0.5)  # coordinates in [0, 1]^2 of the element
+    for _ in range(NEWTON_ROUNDS):
+        off = target - basis.mapping.F(local, cells)
+        local = np.clip(local + np.einsum("ijkl,jkl->ikl", basis.mapping.invDF(local, cells), off), -0.5, 1.5)
+    inside = (np.abs(local - 0.5).max(axis=(0, 2)) < 0.5 + MICRO).reshape(near.shape)
+    if not inside.any(axis=1).all():
+        raise ValueError(f"the place {places_mm[~inside.any(axis=1)][0]} lies outside the mesh")
+    count = np.arange(len(places_mm))
+    chosen = near.shape[1] * count + np.argmax(inside, axis=1)
+    parts = (basis.elem.gbasis(basis.mapping, local[:, chosen], k, cells[chosen])[0] for k in range(basis.Nbfun))
+    values, nodes = np.concatenate([np.ravel(part) for part in parts]), basis.element_dofs[:, cells[chosen]]
+    return sparse.csr_array((values, (np.tile(count, basis.Nbfun), nodes.ravel())), shape=(count.size, basis.N))
 
 
 # The sides' part of the compliance, as a table between stations on the gel's face.
@@ -406,28 +317,28 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
     float32.
     """
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
-    wall = wall_points(mesh)
     near = from_side(gel, places_mm) < FORGETS * gel.thickness_mm
     field = layer_stress(
-        wall.depths_mm,
+        np.ravel(mesh.line.global_coordinates()),
         LOAD_MM,
         thickness_mm=gel.thickness_mm,
         poisson_ratio=poisson_ratio,
         reach_mm=FORGETS * gel.thickness_mm,
     )
-    loads = -_wall_forces(mesh, wall, field, places_mm[near])
-    shapes, sizes, mix = np.linalg.svd(loads, full_matrices=False)
+    unknowns, loads = _wall_forces(mesh, field, places_mm[near])
+    shapes, sizes, mix = np.linalg.svd(-loads, full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=poisson_ratio)[mesh.free][:, mesh.free]
+    matrix = stiffness(mesh, poisson_ratio=poisson_ratio)[mesh.free][:, mesh.free]
     factor = splu(
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
-    answers = []
+    stations, answers = interpolation(mesh.face, places_mm[near]), []
     for first in range(0, rank, AT_ONCE):  # whole fields are large; only the stations are kept
-        shape = shapes[:, first : min(first + AT_ONCE, rank)]
-        right = np.zeros((len(mesh.free), shape.shape[1]))
-        right[wall.unknowns] = shape
-        answers.append(_at_places(mesh, factor.solve(right), places_mm[near]))
+        whole = np.zeros((mesh.numbers.size, min(AT_ONCE, rank - first)))
+        whole[unknowns] = shapes[:, first : min(first + AT_ONCE, rank)]
+        whole[mesh.free] = factor.solve(whole[mesh.free])
+        face = whole[mesh.numbers[:, 0]]
+        answers.append(np.stack([stations @ part for part in face], axis=1).reshape(-1, whole.shape[1]))
     seen = np.hstack(answers) @ (sizes[:rank, None] * mix[:rank])
     three = np.arange(3)
     table = np.zeros((len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
@@ -447,18 +358,23 @@ def _element_mm(gel: Gel) -> float:
     return float(max(0.6 * gel.thickness_mm, np.sqrt(area / MAX_ELEMENTS)))
 
 
-def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm: Floats) -> Floats:
-    """Return (unknowns on the wall, 3 S): nodal forces of the layer's traction on the wall, by loads at
-    `places_mm`.
+def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> tuple[Indices, Floats]:
+    """Return the free unknowns on the wall (U,), and the nodal forces (U, 3 S) there of the layer's traction by
+    loads at `places_mm`.
     """
-    count = len(places_mm)
-    total = np.zeros((len(wall.unknowns), count, 3))
-    for level in range(len(wall.depths_mm)):
-        offset = wall.places_mm[:, None, :] - places_mm[None, :, :]
-        stress = field.at(level, offset.reshape(-1, 2)).reshape(len(wall.places_mm), count, 3, 3, 3)
-        traction = np.einsum("qplij,qj->qipl", stress[..., :2], wall.normals)
-        total += np.einsum("uqi,qipl->upl", wall.weights[level], traction, optimize=True)
-    return total.reshape(len(wall.unknowns), 3 * count)
+    wall = skfem.FacetBasis(mesh.face.mesh, mesh.face.elem, intorder=DEGREE)
+    nodes = mesh.face.get_dofs().flatten()
+    along, levels = _shares(wall)[:, nodes].toarray(), _shares(mesh.line).toarray()[:, mesh.above_base]
+    places, normals = (np.reshape(part, (2, -1)).T for part in (wall.global_coordinates(), wall.normals))
+    offset = (places[:, None, :] - places_mm).reshape(-1, 2)
+    total = np.zeros((3, levels.shape[1], len(nodes), len(places_mm), 3))
+    for level, share in enumerate(levels):
+        stress = field.at(level, offset).reshape(len(places), len(places_mm), 3, 3, 3)
+        traction = np.einsum("qplij,qj->qipl", stress[..., :2], normals)
+        force = np.einsum("qn,qipl->inpl", along, traction, optimize=True)
+        used = np.flatnonzero(share)
+        total[:, used] += share[used, None, None, None] * force[:, None]
+    return mesh.numbers[:, mesh.above_base][:, :, nodes].ravel(), total.reshape(-1, 3 * len(places_mm))
 
 
 def from_side(gel: Gel, places_mm: Floats) -> Floats:
@@ -482,10 +398,3 @@ def _admissible(gel: Gel, places_mm: Floats) -> Floats:
         most = np.array(gel.size_mm) / 2 - keep
         return np.clip(places_mm, -most, most)
     return places_mm
-
-
-def _at_places(mesh: GelMesh, answer: Floats, places_mm: Floats) -> Floats:
-    """Return (3 P, R): the solutions at places on the free face, interpolated by the elements' own functions."""
-    nodes, values = face_values(mesh, places_mm)
-    unknowns = answer[: 3 * mesh.per_layer].reshape(mesh.per_layer, 3, -1)
-    return np.asarray(np.einsum("pn,pnir->pir", values, unknowns[nodes]).reshape(3 * len(places_mm), -1))

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import contact_flags, in_question, strong_evidence, untouched_std
+from tactilevision.contact.region import (
+    contact_flags,
+    in_question,
+    map_noise_mm,
+    strong_evidence,
+    untouched_std,
+)
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.heightmap.ball_validation import check_fit
@@ -20,7 +26,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
-from tactilevision.records.measured import Bools, Bytes, Floats, Wrench
+from tactilevision.records.measured import Bytes, Floats, Wrench
 from tactilevision.records.rig import Indenter
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
@@ -136,17 +142,19 @@ class Stream:
 
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
         """Return whether there is a contact, its depth, the depth detected in half of the picture, and flags."""
-        depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
-        spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
+        sampled = _sampled(height)
+        spread = untouched_std(sampled, self.reconstructor.error, noise_mm=map_noise_mm(height))
         if spread is None:
-            spread = np.full(depth.shape, CONTACT.live_unknown_std_mm)
-        least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
-        pressed = (depth > live_limit_mm(spread)) & valid
+            spread = np.full(sampled.depth_mm.shape, CONTACT.live_unknown_std_mm)
+        least_mm = CONTACT.live_sigma * float(median(np.where(sampled.valid, spread, np.inf)[::4, ::4].ravel()))
+        pressed = (sampled.depth_mm > live_limit_mm(spread)) & sampled.valid
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
-            pressed = _strongly_pressed(height)
+            pressed = in_question(sampled)
+            pressed = pressed & strong_evidence(sampled) if pressed.any() else pressed
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, ()
-        return True, float(depth[pressed].max()), least_mm, contact_flags(pressed, self.reconstructor.error)
+        peak_mm = float(sampled.depth_mm[pressed].max())
+        return True, peak_mm, least_mm, contact_flags(pressed, self.reconstructor.error)
 
     def _footprint(self, height: HeightMap) -> Footprint | None:
         if self.indenter is None:
@@ -154,18 +162,16 @@ class Stream:
         return find_footprint(height, self.indenter, prior=self._last)
 
 
-def _strongly_pressed(height: HeightMap) -> Bools:
-    """Return the mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed."""
+def _sampled(height: HeightMap) -> HeightMap:
+    """Return the map of every SAMPLE_PXth pixel."""
     x, y = height.mm_per_px
-    sampled = replace(
+    return replace(
         height,
         depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
         valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
         mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
         std_mm=None if height.std_mm is None else height.std_mm[::SAMPLE_PX, ::SAMPLE_PX],
     )
-    deep = in_question(sampled)
-    return deep & strong_evidence(sampled) if deep.any() else deep
 
 
 # The loop over the frames of a stream.

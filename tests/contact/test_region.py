@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.contact.region import at_border, find_contact, strong_evidence
+from tactilevision.contact.region import at_border, find_contact
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats, Pair
 
@@ -106,15 +106,3 @@ def test_colours_show_a_contact_whose_slopes_are_blurred() -> None:
     assert not find_contact(replace(wide, colour_change=change)).any()
     change[10:14, 14:18] = 150.0
     assert find_contact(replace(wide, colour_change=change)).any()
-
-
-@pytest.mark.parametrize("noise_mm", [0.001, 0.004, 0.02])
-def test_a_steep_pixel_is_found_wherever_it_is_looked_for(noise_mm: float) -> None:
-    rng = np.random.default_rng(3)
-    height = seen(punch(radii((-3.0, 2.0)), 1.0, 0.3))
-    height = replace(height, depth_mm=height.depth_mm + noise_mm * rng.normal(size=height.depth_mm.shape))
-    everywhere = strong_evidence(height)
-    for share in (0.0, 1e-4, 0.01, 0.5):
-        among = rng.random(everywhere.shape) < share
-        found = strong_evidence(height, among=among) & among
-        assert np.array_equal(found, everywhere & among)

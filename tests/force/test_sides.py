@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 from tactilevision.force import lateral_boundaries as store
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.kernel import layer_stress
-from tactilevision.force.lateral_boundaries import gel_mesh, solve_sides, stiffness
+from tactilevision.force.lateral_boundaries import gel_mesh, interpolation, solve_sides, stiffness
 from tactilevision.force.nodes import lay_grid
 from tactilevision.records.rig import Gel
 
@@ -23,22 +23,34 @@ DISC = Gel(2.0, shape="disc", radius_mm=6.0)
 @pytest.mark.parametrize("gel", [SMALL, DISC], ids=["rectangle", "disc"])
 def test_a_linear_motion_has_no_force_inside_and_a_rigid_one_none_at_all(gel: Gel) -> None:
     mesh = gel_mesh(gel, 2.5)
-    matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=0.49)
-    x, y, z = mesh.nodes_mm.T
-    turn = np.column_stack([-y, x, np.zeros_like(x)]).ravel()
-    assert np.abs(matrix @ turn).max() < 1e-9
-    stretch = np.column_stack([0.3 * x + 0.1 * z, -0.2 * y, 0.1 * x + 0.2 * z]).ravel()
-    force = (matrix @ stretch).reshape(-1, 3)
-    wall = np.isin(np.arange(len(x)) % mesh.per_layer, mesh.edges)
-    inner = (z > 1e-9) & (z < gel.thickness_mm - 1e-9) & ~wall
+    matrix = stiffness(mesh, poisson_ratio=0.49)
+    x, y, z = np.broadcast_arrays(*mesh.face.doflocs, mesh.line.doflocs.T)
+    turn = np.stack([-y, x, np.zeros_like(x)])
+    assert np.abs(matrix @ turn.ravel()).max() < 1e-9
+    stretch = np.stack([0.3 * x + 0.1 * z, -0.2 * y, 0.1 * x + 0.2 * z])
+    force = (matrix @ stretch.ravel()).reshape(stretch.shape)
+    inner = (z > 1e-9) & (z < gel.thickness_mm - 1e-9)
+    inner[:, mesh.face.get_dofs().flatten()] = False
     assert inner.any()
-    assert np.abs(force[inner]).max() < 1e-9
+    assert np.abs(force[:, inner]).max() < 1e-9
 
 
 def test_the_disc_is_round() -> None:
-    mesh = gel_mesh(DISC, 2.0)
-    r = np.hypot(*mesh.nodes_mm[np.unique(mesh.edges), :2].T)
+    face = gel_mesh(DISC, 2.0).face
+    r = np.hypot(*face.doflocs[:, face.get_dofs().flatten()])
     assert np.ptp(r) < 1e-9
+
+
+@pytest.mark.parametrize("gel", [SMALL, DISC], ids=["rectangle", "disc"])
+def test_a_quadratic_field_is_interpolated_exactly_where_elements_are_straight(gel: Gel) -> None:
+    face = gel_mesh(gel, 2.5).face
+    places = np.random.default_rng(0).uniform(-4, 4, (200, 2))
+    (x, y), (there_x, there_y) = face.doflocs, places.T
+    found = interpolation(face, places) @ (1 + 2 * x - y + x * y)
+    error = 1e-9 if gel is SMALL else 0.05
+    np.testing.assert_allclose(found, 1 + 2 * there_x - there_y + there_x * there_y, atol=error)
+    with pytest.raises(ValueError, match="outside"):
+        interpolation(face, np.array([[7.0, 0.0]]))
 
 
 def test_a_squeezed_block_does_not_lock() -> None:
@@ -46,9 +58,8 @@ def test_a_squeezed_block_does_not_lock() -> None:
     sunk = []
     for nu in (0.499, 0.49999):
         mesh = gel_mesh(SMALL, 2.5)
-        matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=nu)[mesh.free][:, mesh.free]
-        load = np.zeros(len(mesh.free))
-        load[2 : 3 * mesh.per_layer : 3] = 1.0
+        matrix = stiffness(mesh, poisson_ratio=nu)[mesh.free][:, mesh.free]
+        load = np.isin(mesh.free, mesh.numbers[2, 0]).astype(float)
         sunk.append(float(load @ splu(matrix.tocsc()).solve(load)))
     assert sunk[1] / sunk[0] == pytest.approx(1.0, abs=0.05)
 
