@@ -47,7 +47,7 @@ _LINEAR = Growth()
 
 @dataclass(frozen=True, slots=True)
 class Onset:
-    """x0 and its std; A and its std, the shape of its `growth`; `grown` is the signal at the end; `noise` of y.
+    """x0 and its std; A and its std, the shape of its `growth`; `noise` of y.
 
     `shared_std` is the part of x0's std that all presses of one bevel have in common, since they share the shape.
     `gain` is the decrease of chi-square by the onset, about the square of the detection's sigmas; `chi2` is that
@@ -59,7 +59,6 @@ class Onset:
     amplitude: float
     amplitude_std: float
     growth: Growth
-    grown: float
     noise: float
     gain: float
     chi2: float
@@ -92,7 +91,7 @@ def find_onset(
         if keep.sum() < 7:
             return None
         search = _search(x[keep], y[keep], scatter, growth=growth, amplitude=amplitude)
-    return _summary(x[keep], search, scatter, growth)
+    return _summary(search, scatter, growth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,13 +123,7 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
     flat = float(((y / noise) ** 2).sum() - flat_answer @ right[-1, :3])
     chi2 = np.where(coefficients[:, 3] > 0, chi2, np.maximum(chi2, flat))
     spread = np.sqrt(np.linalg.inv(normal)[:, 3, 3])
-    return _Search(
-        places,
-        np.asarray(chi2, dtype=np.float64),
-        np.asarray(coefficients, dtype=np.float64),
-        np.asarray(spread, dtype=np.float64),
-        flat,
-    )
+    return _Search(places, chi2, coefficients, spread, flat)
 
 
 def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
@@ -140,7 +133,7 @@ def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
     return np.asarray(np.concatenate([smooth, after[..., None]], axis=-1), dtype=np.float64)
 
 
-def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset | None:
+def _summary(search: _Search, noise: float, growth: Growth) -> Onset | None:
     best = int(search.chi2.argmin())
     amplitude = float(search.coefficients[best, 3])
     if amplitude <= 0:
@@ -156,7 +149,6 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
         amplitude=amplitude,
         amplitude_std=float(search.amplitude_std[best]),
         growth=growth,
-        grown=amplitude * float(growth(float(x.max()) - at)),
         noise=noise,
         gain=search.flat - float(search.chi2[best]),
         chi2=float(search.chi2[best]),
@@ -172,7 +164,7 @@ def _scatter(x: Floats, y: Floats) -> float:
 def _spread(residual: Floats, parameters: int) -> float:
     robust = mad_std(residual, centre=0.0)
     freedom = max(residual.size - parameters, 1)
-    return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), 1e-12)
+    return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), TINY)
 
 
 # Signals of the bevel's touch. A strip is the mean of a field over the width of the line from the punch's axis to

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import Footprint, HeightMap
@@ -27,6 +28,8 @@ from tactilevision.robust import mad_std, tukey_weight
 # y (down).
 
 _DIRECTIONS = 180  # round the face
+_ANGLES = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+_TOWARDS = np.c_[np.cos(_ANGLES), np.sin(_ANGLES)]
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:
@@ -34,6 +37,13 @@ def place_px(height: HeightMap, places_mm: Floats) -> Floats:
     rows, columns = height.depth_mm.shape
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
     return np.asarray(np.asarray(places_mm) / np.asarray(height.mm_per_px) + middle, dtype=np.float64)
+
+
+def _offsets(height: HeightMap, centre_mm: Pair) -> tuple[Floats, Floats]:
+    """Return the places x (1, W) and y (H, 1) of the pixels from a centre on the pad, mm."""
+    (x_px, y_px), (rows, columns) = place_px(height, np.asarray(centre_mm)), height.depth_mm.shape
+    x, y = np.arange(columns) - x_px, np.arange(rows) - y_px
+    return x[None, :] * height.mm_per_px[0], y[:, None] * height.mm_per_px[1]
 
 
 def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
@@ -71,15 +81,13 @@ def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[F
     at = radii[peak] + np.clip(shift, -0.5, 0.5) * step
     offset = _offset(slope[inner], at[inner], radii)
     at -= offset
-    angle = 2 * np.pi * rows / _DIRECTIONS
-    points = np.asarray(centre_mm) + at[:, None] * np.c_[np.cos(angle), np.sin(angle)]
+    points = np.asarray(centre_mm) + at[:, None] * _TOWARDS
     return points[inner], around[inner, 1], offset
 
 
 def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
     """Return -d depth/dr (directions, radii), smoothed over neighbouring directions."""
-    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    rays = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None, :] * radii[None, :, None]
+    rays = _TOWARDS[:, None, :] * radii[None, :, None]
     depth = np.where(height.valid, height.depth_mm, np.nan)
     values = sample(depth, place_px(height, rays + np.asarray(centre_mm)))
     wrapped = np.vstack([values[-2:], values, values[:2]])
@@ -93,7 +101,9 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
         return 0.0
     step = float(radii[1] - radii[0])
     reach = np.arange(-0.3 * radii[-1], 0.3 * radii[-1], step)
-    walls = _between(slope, (at[:, None] + reach - radii[0]) / step)
+    places = (at[:, None] + reach - radii[0]) / step
+    rays = np.broadcast_to(np.arange(len(at))[:, None], places.shape)
+    walls = map_coordinates(slope, [rays, places], order=1)  # 0 beyond the ends of a ray
     whole = walls[np.isfinite(walls).all(axis=1)]  # not cut by the view's border
     if not len(whole):
         return 0.0
@@ -105,19 +115,6 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
     outward = _half_width(wall[middle:], half) * step
     ratios, offsets = _wall_family()
     return inward * float(np.interp(outward / max(inward, step), ratios, offsets))
-
-
-def _between(rows: Floats, places: Floats) -> Floats:
-    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between.
-
-    0 beyond its ends.
-    """
-    last = rows.shape[1] - 1
-    left = np.clip(places.astype(np.intp), 0, last - 1)
-    share = places - left
-    low, high = (np.take_along_axis(rows, at, axis=1) for at in (left, left + 1))
-    value = np.where(share == 0, low, np.where(share == 1, high, low + share * (high - low)))
-    return np.where((places < 0) | (places > last), 0.0, value)
 
 
 def _half_width(flank: Floats, half: float) -> float:
@@ -302,16 +299,14 @@ def ring_outside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floa
 
     `away_from` (x, y) points to the bevel, whose quarter is NaN. All is NaN if less than a third is in view.
     """
-    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    towards = np.c_[np.cos(angle), np.sin(angle)]
     radii = np.linspace(*_RING, 7) * face.radius_mm
-    places = towards[:, None, :] * radii[None, :, None] + np.asarray(face.centre_mm)
+    places = _TOWARDS[:, None, :] * radii[None, :, None] + np.asarray(face.centre_mm)
     depth = np.where(height.valid, height.depth_mm, np.nan)
     outside = sample(depth, place_px(height, places)).mean(axis=1)
-    use = np.isfinite(outside) & (towards @ np.asarray(away_from) < np.cos(np.pi / 4))
+    use = np.isfinite(outside) & (_TOWARDS @ np.asarray(away_from) < np.cos(np.pi / 4))
     ring = np.full(_DIRECTIONS, np.nan)
     if use.sum() >= _DIRECTIONS / 3:
-        basis = np.c_[np.ones(_DIRECTIONS), towards][use]
+        basis = np.c_[np.ones(_DIRECTIONS), _TOWARDS][use]
         answer, *_ = np.linalg.lstsq(basis, outside[use], rcond=None)
         ring[use] = outside[use] - basis @ answer
     return ring
@@ -350,13 +345,11 @@ def relief_mm(height: HeightMap, face: Footprint) -> float:
     A broken edge contributes, a tilt does not, nor does a rotationally symmetric dish, which a height map may show
     on any deep face. Read within _INNER of the radius, inside the wall. NaN if too little of the face is in view.
     """
-    (rows, columns), (step_x, step_y) = height.depth_mm.shape, height.mm_per_px
-    x = (np.arange(columns) - (columns - 1) / 2) * step_x - face.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * step_y - face.centre_mm[1]
-    inside = height.valid & (np.hypot(x[None, :], y[:, None]) < _INNER * face.radius_mm)
+    x, y = _offsets(height, face.centre_mm)
+    inside = height.valid & (np.hypot(x, y) < _INNER * face.radius_mm)
     if inside.sum() < 20:
         return float("nan")
-    x, y = (np.broadcast_to(along, inside.shape)[inside] for along in (x[None, :], y[:, None]))
+    x, y = (np.broadcast_to(along, inside.shape)[inside] for along in (x, y))
     basis, depth = np.c_[np.ones_like(x), x, y, x**2 + y**2], height.depth_mm[inside].astype(np.float64)
     answer, *_ = np.linalg.lstsq(basis, depth, rcond=None)
     return float(np.sqrt(np.mean((depth - basis @ answer) ** 2)))
@@ -413,10 +406,7 @@ def _contrast(depth: Floats, known: Floats, radius: float) -> tuple[Floats, Bool
 
 
 def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
-    rows, columns = height.depth_mm.shape
-    x_px, y_px = place_px(height, np.asarray(circle.centre_mm))
-    x = (np.arange(columns) - x_px)[None, :] * height.mm_per_px[0]
-    y = (np.arange(rows) - y_px)[:, None] * height.mm_per_px[1]
+    x, y = _offsets(height, circle.centre_mm)
     mask = x**2 + y**2 <= circle.radius_mm**2
     reach = _INNER * circle.radius_mm
     there = (slice(*_span(y, reach)), slice(*_span(x, reach)))
@@ -462,7 +452,7 @@ def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per
     for _ in range(2):
         plane, *_ = np.linalg.lstsq(basis[keep], depth[keep], rcond=None)
         residual = depth - basis @ plane
-        keep = np.abs(residual) <= max(3 * float(residual[keep].std()), 1e-12)
+        keep = np.abs(residual) <= max(3 * float(residual[keep].std()), TINY)
     spread = float(residual[keep].std())
     whole = np.full(face.shape, np.nan)
     whole[face] = residual

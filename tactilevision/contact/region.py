@@ -136,7 +136,7 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5 / mm_per_px[1], borderType=border)
     across[:, [0, -1]] *= 2  # one-sided differences
     down[[0, -1]] *= 2
-    return smooth, cv2.magnitude(across, down)
+    return smooth, cv2.magnitude(across, down, across)
 
 
 def _surely_mm(height: HeightMap, places: Places, *, error: DepthError | None, noise_mm: float) -> Array | float:

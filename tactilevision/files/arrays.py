@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import math
 import os
@@ -14,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import MB, check, damage, open_regular
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import MB, check, damage, open_regular, read_bytes
+from tactilevision.files.writing import replacing, write_json
 
 _AGAIN = "Copy it again from its source."
 
@@ -45,6 +48,25 @@ def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any
     Raises InputError as `read_arrays` does.
     """
     return _unpacked(io.BytesIO(data), where)
+
+
+def save_table(path: Path, card: Mapping[str, Any], **arrays: npt.NDArray[Any]) -> None:
+    """Write arrays of any shape, in their unit, as PATH (.npz), and their card, with their hash, as .json."""
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+    write_json(path.with_suffix(".json"), {**card, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
+
+
+def load_table(path: Path) -> tuple[Mapping[str, npt.NDArray[Any]], dict[str, Any]]:
+    """Read arrays of any shape, in their unit, and card. Raises InputError where they differ."""
+    card = read_json(path.with_suffix(".json"))
+    if hashlib.sha256(read_bytes(path)).hexdigest() != card.get("sha256"):
+        raise InputError(
+            "the table differs from its card",
+            where=path,
+            remedy="Reinstall tactilevision, or tabulate anew.",
+        )
+    return read_arrays(path), card
 
 
 def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:

@@ -86,6 +86,13 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
             os.replace(partial, chunk)
 
 
+def read_frames(scratch: Path, fields: Sequence[str]) -> dict[str, Singles]:
+    """Return the fields of a store, (frames, rows, columns) each, NaN for a frame that was not written."""
+    with _own_threads():
+        group = _zarr().open_group(str(scratch), mode="r")
+        return {name: np.asarray(group[name][:]) for name in fields}
+
+
 def end_frames(scratch: Path, path: Path) -> None:
     """Move the finished store to its place, without partial files of killed writers."""
     _codec.cache_clear()

@@ -79,13 +79,10 @@ def residuals(rows: Sequence[FrameForce], reading_std_N: Sequence[float] | None 
     why = [AT_ITS_END if row.reading_clipped else CUT if CUT in row.flags else "" for row in both]
     if all(why):
         why = [AT_ITS_END if row.reading_clipped else "" for row in both]
+    columns = {"force_N": "resultant_N"} | {name: name for name in ("measured_N", "depth_mm", "place_mm", "press")}
     return Residuals(
-        force_N=np.array([row.resultant_N for row in both]),
+        **{name: np.array([getattr(row, field) for row in both]) for name, field in columns.items()},
         std_N=np.hypot([row.resultant_std_N for row in both], reading_std_N or 0.0),
-        measured_N=np.array([row.measured_N for row in both]),
-        depth_mm=np.array([row.depth_mm for row in both]),
-        place_mm=np.array([row.place_mm for row in both]),
-        press=np.array([row.press for row in both]),
         usable=np.array([not one for one in why]),
         touched=len(touched),
         left_out=Counter([NO_READING] * (len(touched) - len(both)) + [one for one in why if one]),

@@ -114,7 +114,19 @@ class ForceField:
                 value=type(height).__name__,
                 remedy="Make one with reconstructor.height_map(rgb), or HeightMap(...) of other depths.",
             )
-        return self._free(self._prepared(height), height, shear)
+        compliance, seen = self._prepared(height), self._observe(height, shear)
+        grid, flags = compliance.grid, list(seen.flags)
+        flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
+        cells = candidate_cells(seen)
+        found = self._solve(compliance, seen, cells) if len(cells) else None
+        if found is not None and len(found.cells):
+            more = self._overlooked(compliance, seen, cells, found)
+            found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
+        if found is None or len(found.cells) == 0:
+            return _nothing(grid, height, (*flags, NO_CONTACT), self._unseen_N(grid, seen))
+        flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
+        flags += [CUT] if is_cut(grid, found, seen) else []
+        return self._report(compliance, seen, found, height, tuple(flags))
 
     def _prepared(self, height: HeightMap) -> GelCompliance:
         if self.compliance is None:
@@ -158,23 +170,6 @@ class ForceField:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, spacing_mm=self.settings.spacing_mm)
         slopes, nu = self.material.covariance is not None, self.material.poisson_ratio
         return gel_compliance(self.gel, grid, poisson_ratio=nu, sides=self.settings.sides, slopes=slopes)
-
-    def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
-        grid = compliance.grid
-        seen = self._observe(height, shear)
-        flags = list(seen.flags)
-        flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
-        cells = candidate_cells(seen)
-        found = self._solve(compliance, seen, cells) if len(cells) else None
-        if found is not None and len(found.cells):
-            more = self._overlooked(compliance, seen, cells, found)
-            found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
-        if found is None or len(found.cells) == 0:
-            return _nothing(grid, height, (*flags, NO_CONTACT), self._unseen_N(grid, seen))
-        flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
-        if is_cut(grid, found, seen):
-            flags.append(CUT)
-        return self._report(compliance, seen, found, height, tuple(flags))
 
     def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, found: Solution) -> Cells:
         """Return the cells of weak contacts that the displacement by a deep one hides."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +15,8 @@ from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.documents import csv_text
-from tactilevision.files.writing import output_errors, replacing, write_text
-from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
+from tactilevision.files.writing import replacing, write_text
+from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import NO_CONTACT, ForceField, ForceSettings, Triple, triple
@@ -31,7 +30,7 @@ from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel, Press
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
-# Tractions of many frames on disk, written by many processes a frame at a time, then moved to their place.
+# Tractions of many frames on disk, written by many processes a frame at a time as Zarr, then moved to their place.
 #
 # tractions.npz     good frames: frame (N,) names, t_x, t_y, t_z (N, rows, columns) float32 in MPa, mm_per_px,
 #                   first_mm
@@ -57,50 +56,30 @@ class TractionStore:
     @property
     def scratch(self) -> Path:
         """The store that is being filled."""
-        return self.out / f".tractions.{self.form}-unfinished"
+        return self.out / ".tractions.zarr-unfinished"
 
     def prepare(self, frames: Sequence[str], *, anew: bool) -> None:
-        """Clean up after killed runs, also those in the other form, and make an empty scratch where `anew`."""
-        if self.form == "zarr":
-            settle(self.path)
-            replace(self, form="npz").scratch.unlink(missing_ok=True)
-            if anew:
-                units = dict.fromkeys(FIELDS, "MPa")
-                begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
-            return
-        shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
+        """Clean up after killed runs, and make an empty scratch where `anew`."""
+        settle(self.path)
         if anew:
-            shape = (len(frames), len(FIELDS), *self.grid.shape)
-            with output_errors(self.scratch):
-                np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
-                if hasattr(
-                    os, "posix_fallocate"
-                ):  # a full disk raises here instead of killing a worker by a signal
-                    with self.scratch.open("r+b") as file:
-                        os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
+            units = dict.fromkeys(FIELDS, "MPa")
+            begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
 
     def write(self, number: int, found: TractionMap) -> None:
         """Write one frame's tractions."""
         fields = {name: getattr(found, name).astype(np.float32) for name in FIELDS}
-        if self.form == "zarr":
-            write_frame(self.scratch, number, fields=fields)
-            return
-        stack = np.lib.format.open_memmap(self.scratch, mode="r+")
-        stack[number] = np.stack(list(fields.values()))
-        stack.flush()
+        write_frame(self.scratch, number, fields=fields)
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
         """Put the store in place; `good` are the numbers of the frames that have tractions."""
         if self.form == "zarr":
             end_frames(self.scratch, self.path)
             return
-        every = np.lib.format.open_memmap(self.scratch, mode="r")
-        kept = every if len(good) == len(frames) else every[good]
-        arrays = {name: kept[:, part] for part, name in enumerate(FIELDS)} | self._about()
+        arrays = {name: field[good] for name, field in read_frames(self.scratch, FIELDS).items()}
         names = np.array([frames[number] for number in good], dtype=np.str_)
         with replacing(self.path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, frame=names, **arrays)
-        self.scratch.unlink()
+            np.savez_compressed(file, allow_pickle=False, frame=names, **arrays, **self._about())
+        shutil.rmtree(self.scratch)
 
     def _about(self) -> dict[str, Any]:
         step = self.grid.spacing_mm
@@ -260,11 +239,11 @@ class Readings:
         now, times = time_s + self.offset, self.forces.time_s
         if len(times) == 0 or not times[0] <= now <= times[-1]:
             return np.full(3, np.nan)
-        read = np.array([np.interp(now, times, self.forces.force_N[:, k]) for k in range(3)])
+        read = np.array([np.interp(now, times, axis) for axis in self.forces.force_N.T])
         if self._zero is None:
             return read
-        zero = [np.interp(now, self._zero[:, 0], self._zero[:, 1 + k]) for k in range(3)]
-        return np.asarray(read - np.array(zero))
+        free_s, *zero = self._zero.T
+        return np.asarray(read - [np.interp(now, free_s, axis) for axis in zero])
 
     def press_at(self, time_s: float) -> Press | None:
         """Return the press under way at a time."""

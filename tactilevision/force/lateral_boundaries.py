@@ -156,7 +156,7 @@ DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the th
 CORE = 0.55  # of the disc's radius: what the elements of a petal leave to its core
 SQUARE = 0.75 * CORE  # half side of that square core, of the radius
 NEAREST = 12  # elements that a place is looked for in
-NEWTON_ROUNDS = 12
+NEWTON_ROUNDS = 12  # of its own coordinates there: they double their digits in each
 
 
 def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
@@ -226,7 +226,7 @@ def interpolation(basis: skfem.Basis, places_mm: Floats) -> sparse.csr_array:
     local = np.full(target.shape, 0.5)  # coordinates in [0, 1]^2 of the element
     for _ in range(NEWTON_ROUNDS):
         off = target - basis.mapping.F(local, cells)
-        local = np.clip(local + np.einsum("ijkl,jkl->ikl", basis.mapping.invDF(local, cells), off), -0.5, 1.5)
+        local = np.clip(local + np.einsum("ijkl,jkl->ikl", basis.mapping.invDF(local, cells), off), -1, 2)
     inside = (np.abs(local - 0.5).max(axis=(0, 2)) < 0.5 + MICRO).reshape(near.shape)
     if not inside.any(axis=1).all():
         raise ValueError(f"the place {places_mm[~inside.any(axis=1)][0]} lies outside the mesh")

@@ -81,9 +81,7 @@ def held_out_depth(
     for picture, ball, held in _held_out_laws(calibration, pictures):
         if id(held.law) not in methods:
             methods[id(held.law)] = replace(now, law=held.law, card=MethodCard())
-        slopes = methods[id(held.law)].slopes(picture.rgb)
-        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
-        found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
+        found, true = _read_dent_mm(methods[id(held.law)], picture.rgb, ball, mm_per_px)
         balls.append(Known(true, found, held.std * true, ball.contact_radius_px))
         inside.append(float(np.hypot(held.inside_std, seen_gain)) * true)
         outside.append(held.outside_std * true)
@@ -159,13 +157,15 @@ def seen_gain_std(
     Of dents, which determine depth: in slopes the contact's rim dominates, where a slightly too wide circle
     includes slopes that no ball has.
     """
-    ratios = []
-    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
-        slopes = method.slopes(rgb)
-        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
-        found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
-        ratios.append(found / true)
-    return mad_std(np.array(ratios), centre=1.0)
+    shown = pressed_balls(pictures, balls, most=MAX_BALLS)
+    dents = np.array([_read_dent_mm(method, rgb, ball, mm_per_px) for rgb, ball in shown]).reshape(-1, 2)
+    return mad_std(dents[:, 0] / dents[:, 1], centre=1.0)
+
+
+def _read_dent_mm(method: CalibratedMethod, rgb: Bytes, ball: Ball, mm_per_px: Pair) -> Pair:
+    """Return the dent that a method reads in a rectified picture (H, W, 3), and that of the ball, mm."""
+    slopes = method.slopes(rgb)
+    return dent_mm(integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px), ball, mm_per_px=mm_per_px)
 
 
 def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:

@@ -290,7 +290,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     if method is None and not recording.balls:
         return _uncalibrated(recording, flats)
     if method is not None and not isinstance(method, str):
-        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
+        return with_flats(sensor, method, flats=flats)
     fit = PHOTOMETRIC[method or DEFAULT]
     reference, noted = _reference(sensor, flats)
     pictures = [
@@ -330,7 +330,7 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
     if path.with_suffix(".npz").is_file():
         method = load_method(path)
         _check_kind(method.card, sensor)
-        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
+        return with_flats(sensor, method, flats=flats)
     if path.with_suffix(".onnx").is_file():
         return _without_balls(sensor, path, flats)
     raise InputError(
@@ -462,7 +462,7 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.
     """
-    if not isinstance(method, CalibratedMethod):
+    if not (flats and isinstance(method, CalibratedMethod)):
         return Reconstructor(sensor, method)
     reference, noted = _reference(sensor, flats)
     check_view(method.reference.shape, reference.shape)

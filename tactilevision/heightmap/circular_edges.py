@@ -10,7 +10,7 @@ import numpy as np
 
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 from tactilevision.robust import MAD_TO_STD
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
@@ -106,8 +106,12 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
 def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
     """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
     weighted = terms * weights
-    normal = weighted @ terms.T + STIFFENING
-    return np.asarray(cv2.solve(normal, (weighted @ values)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+    return solved(weighted @ terms.T + STIFFENING, weighted @ values)
+
+
+def solved(normal: Floats, right: Floats) -> Floats:
+    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 def residual_std(off: Floats) -> float:
@@ -192,7 +196,7 @@ def _profiles(
     along_y *= down
     inward -= along_y
     if slopes.valid is not None and not slopes.valid.all():
-        inward[_known(slopes.valid, x, y) == 0] = np.nan
+        inward[cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST) == 0] = np.nan
     means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
     return places, np.asarray(means, np.float64) / ACROSS
 
@@ -200,10 +204,6 @@ def _profiles(
 def _sampled(plane: Array, x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
-
-
-def _known(valid: Bools, x: Picture, y: Picture) -> Bytes:
-    return np.asarray(cv2.remap(valid.view(np.uint8), x, y, cv2.INTER_NEAREST))
 
 
 @lru_cache(maxsize=64)

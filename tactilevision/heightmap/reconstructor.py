@@ -187,7 +187,7 @@ class Reconstructor:
 
     def read(self, frame: Frame | Bytes) -> Reading:
         """Return the height map of a raw frame and what it rests on. Raises as height_map does."""
-        frame = frame if isinstance(frame, Frame) else Frame(frame)
+        frame = as_frame(frame)
         return self.read_rectified(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
@@ -209,7 +209,7 @@ class Reconstructor:
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
-        frame = frame if isinstance(frame, Frame) else Frame(frame)
+        frame = as_frame(frame)
         size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
         if known is not None and size != known:
             raise InputError(

@@ -41,7 +41,9 @@ BLOCKS = (16, 12)  # across and down: too coarse for markers and noise
 FINE_BLOCKS = (48, 36)  # across and down, for small marks
 DARK_GREY = 4  # added to grey levels, so that black has a logarithm
 MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
-BETTER = 0.5  # share of the change that remains after the correct exchange
+BETTER = (
+    0.6  # share of the change that remains after the correct exchange, and of the curl: a false one doubles it
+)
 FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
 MIN_FALL = (
     0.1  # of a channel's brightness, from the darker to the brighter half: below it brightness itself is used
@@ -280,7 +282,6 @@ def _marked(seen: Bools) -> tuple[float, float] | None:
 
 FRAMES_FOR_ORDER = 6  # number of frames, spread over the recording
 BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
-BETTER = 0.6  # of the curl: a false exchange at least doubles it, a correct one at least halves it
 EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
     "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
     "the picture mirrored": lambda rgb: rgb[:, ::-1],

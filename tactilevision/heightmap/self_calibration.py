@@ -217,14 +217,9 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
 
     `prior` gives slopes (N, 2), mm/mm, of relative changes (N, 3) at places (N, 2) from -1 to 1.
     """
-    if not contacts:
+    if (found := _constant_law(contacts, prior)) is None:
         return None
-    seen = _joined(contacts)
-    constant = _least_curl(seen) if prior is None else _corrected(seen, prior(seen.change, seen.place))
-    if constant is None:
-        return None
-    if _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
-        return None
+    seen, constant = found
     steps = np.arange(len(seen.change))[:, None] * np.array(SPREADING)  # over all of the picture, evenly
     elsewhere = 2.0 * (steps % 1.0) - 1.0
     change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])
@@ -247,17 +242,26 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
 
 def contradict(contacts: Sequence[Contact], prior: Prior) -> bool:
     """Return whether contacts alone rotate the slopes of `prior` by more than CONTRADICTION_DEG."""
-    if not contacts:
+    if (found := _constant_law(contacts, None)) is None:
         return False
-    seen = _joined(contacts)
-    constant = _least_curl(seen)
-    if constant is None:
-        return False
+    seen, constant = found
     own, told = seen.change @ constant.T, prior(seen.change, seen.place)
-    if _slope_spread(own) < MIN_SLOPE_SPREAD:
-        return False
     turned = np.angle((own @ [1, 1j]) * np.conj(told @ [1, 1j]))
     return bool(np.degrees(np.median(np.abs(turned))) > CONTRADICTION_DEG)
+
+
+def _constant_law(contacts: Sequence[Contact], prior: Prior | None) -> tuple[Contact, Floats] | None:
+    """Return all contacts as one and their constant law (2, 3), near the `prior` if there is one.
+
+    None where the contacts do not determine it, or have slopes along one direction alone.
+    """
+    if not contacts:
+        return None
+    seen = _joined(contacts)
+    law = _least_curl(seen) if prior is None else _corrected(seen, prior(seen.change, seen.place))
+    if law is None or _slope_spread(seen.change @ law.T) < MIN_SLOPE_SPREAD:
+        return None
+    return seen, law
 
 
 def _joined(contacts: Sequence[Contact]) -> Contact:

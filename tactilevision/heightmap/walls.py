@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
+from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved
 from tactilevision.photometric.colour_change import Window
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.constants import ROUNDING, TINY
@@ -22,7 +22,6 @@ from tactilevision.records.measured import Array, Bools, Floats, Pair
 # Also the law by which the walls of one sensor's pictures are found.
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
-LEAST_MM = 1e-6  # mm: lower bound on a change of depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,7 @@ class PunchEdge:
         steps = np.maximum(np.diff(fall), 0.0)  # u' ds of even places
         sorted_steps = np.append(np.sort(steps)[::-1], 0.0)
         above = np.cumsum(sorted_steps) - sorted_steps * np.arange(1, sorted_steps.size + 1)
-        over = np.maximum(steps - np.interp(max(abs(change_mm), LEAST_MM), above, sorted_steps), 0.0)
+        over = np.maximum(steps - np.interp(max(abs(change_mm), TINY), above, sorted_steps), 0.0)
         return np.append(1.0, 1.0 - np.cumsum(over) / over.sum())
 
     def taught_by(self, walls: TaughtWalls) -> PunchEdge:
@@ -155,11 +154,6 @@ def wall_light(lean: float) -> WallLight:
     sine = 2.0 / np.pi * (np.cos(t) * np.sin(away) / lean + np.sin(t) * part)
     seen = np.maximum.accumulate(sine / cosine) + ROUNDING * np.arange(u.size)
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
-
-
-def solved(normal: Floats, right: Floats) -> Floats:
-    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
-    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 class Law:

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.files.arrays import load_table
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_place
-from tactilevision.mechanics.kappa import load_table
 from tactilevision.mechanics.punch_equation import check_within, positive
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
@@ -78,8 +78,8 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
 @lru_cache(maxsize=1)
 def _table() -> tuple[Floats, Floats]:
     """Return ln s (a/h, nu, d/h) at small strain, and the ratio (a/h, nu, d/h, friction, w/h)."""
-    linear, ratio = load_table(TABLE, "log_softening", "ratio")
-    return linear, ratio
+    arrays, _ = load_table(TABLE)
+    return arrays["log_softening"], arrays["ratio"]
 
 
 def _between(axes: tuple[tuple[float, ...], ...], values: Floats, at: tuple[float, ...]) -> Floats:

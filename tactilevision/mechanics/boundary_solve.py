@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.files.writing import replacing, write_json
+from tactilevision.files.arrays import save_table
 from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
-from tactilevision.mechanics.kappa import fingerprint
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.newton import State, march
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
@@ -22,13 +21,11 @@ EDGE_OVER_H = 1 / 30  # at h/60 the share is 3 % of itself larger at first touch
 FAR = 12  # d/h in place of infinity
 
 
-def write_table(path: Path = b.TABLE) -> None:
+def make_table(path: Path = b.TABLE) -> None:
     """Solve the 250 linear problems and 384 presses behind the table and write it with its card; 20 minutes."""
     linear = np.log(linear_shares(b.A_OVER_H_NODES, b.POISSON_NODES, distances=b.DISTANCES))
     deep = depth_ratios()
-    with replacing(path) as temporary:
-        np.savez(temporary, log_softening=linear, ratio=deep)
-    write_json(path.with_suffix(".json"), {
+    card = {
         "what": "ln s, s the loss of a punch's stiffness to a free side at d/h from its edge, by a/h, nu, d/h; "
         "the share at depth over s by a/h, nu, d/h, friction, w/h",
         "axes": {"a_over_h": b.A_OVER_H_NODES, "poisson_ratio": b.POISSON_NODES, "d_over_h": b.DISTANCES,
@@ -37,10 +34,10 @@ def write_table(path: Path = b.TABLE) -> None:
                  "ratio_w_over_h": b.RATIO_DEPTHS},
         "source": "mechanics/punch_fem. s: linear, glued sliding face, depth 1e-4 mm; ratio: neo-Hooke, edge "
         "radius h/30, over the same press on a pad of five thicknesses; default mesh",
-        "made_by": "tactilevision.mechanics.boundary_solve.write_table",
+        "made_by": "tactilevision.mechanics.boundary_solve.make_table",
         "licence": "MIT",
-        "sha256": fingerprint(linear, deep),
-    })  # fmt: skip
+    }  # fmt: skip
+    save_table(path, card, log_softening=linear, ratio=deep)
 
 
 def linear_shares(

@@ -15,8 +15,6 @@ Source: Hayes, Keer, Herrmann, Mockros, J. Biomech. 5 (1972) 541.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -24,7 +22,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
+from tactilevision.files.arrays import load_table, save_table
 from tactilevision.mechanics.punch_equation import (
     A_OVER_H_RANGE,
     POISSON_RANGE,
@@ -63,28 +61,21 @@ def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
     return np.asarray(np.exp(_spline().ev(_stretched(nu), np.log(alpha))))
 
 
-def write_table(path: Path = TABLE) -> None:
+def make_table(path: Path = TABLE) -> None:
     """Compute the table of ln kappa and write it with its card; two seconds."""
-    from tactilevision.files.writing import replacing, write_json
-
     s, t = _axes()
     nu = np.clip(0.5 + OFFSET - np.exp(-s), *POISSON_RANGE)
     alpha = np.clip(np.exp(t), *A_OVER_H_RANGE)
     log_kappa = np.log(kappa(nu[:, None], alpha[None, :]))
-    with replacing(path) as temporary:
-        np.savez(temporary, log_kappa=log_kappa)
-    write_json(
-        path.with_suffix(".json"),
-        {
-            "what": "ln kappa on a grid of -ln(.502 - nu) by ln(a/h), both evenly spaced over the range",
-            "range": {"poisson_ratio": POISSON_RANGE, "a_over_h": A_OVER_H_RANGE},
-            "source": "integral equation of mechanics/punch_equation.py; Hayes et al., J. Biomech. 5 (1972) 541",
-            "made_by": "tactilevision.mechanics.kappa.write_table",
-            "relative_error": 1e-7,
-            "licence": "MIT",
-            "sha256": fingerprint(log_kappa),
-        },
-    )
+    card = {
+        "what": "ln kappa on a grid of -ln(.502 - nu) by ln(a/h), both evenly spaced over the range",
+        "range": {"poisson_ratio": POISSON_RANGE, "a_over_h": A_OVER_H_RANGE},
+        "source": "integral equation of mechanics/punch_equation.py; Hayes et al., J. Biomech. 5 (1972) 541",
+        "made_by": "tactilevision.mechanics.kappa.make_table",
+        "relative_error": 1e-7,
+        "licence": "MIT",
+    }
+    save_table(path, card, log_kappa=log_kappa)
 
 
 def _axes() -> tuple[Floats, Floats]:
@@ -97,25 +88,8 @@ def _stretched(nu: Floats) -> Floats:
     return np.asarray(-np.log(0.5 + OFFSET - nu))
 
 
-def fingerprint(*arrays: Floats) -> str:
-    """Hash the arrays of a table."""
-    content = b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
-    return hashlib.sha256(content).hexdigest()
-
-
-def load_table(path: Path, *names: str) -> list[Floats]:
-    """Load the arrays of these names, of any shape, in its unit. Raises InputError where the card differs."""
-    with np.load(path, allow_pickle=False) as content:
-        arrays = [content[name].astype(float) for name in names]
-    card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    if fingerprint(*arrays) != card["sha256"]:
-        raise InputError("the table differs from its card", where=path, remedy="Reinstall tactilevision.")
-    return arrays
-
-
 @lru_cache(maxsize=1)
 def _spline() -> RectBivariateSpline:
     from scipy.interpolate import RectBivariateSpline
 
-    (log_kappa,) = load_table(TABLE, "log_kappa")
-    return RectBivariateSpline(*_axes(), log_kappa, kx=5, ky=5)
+    return RectBivariateSpline(*_axes(), load_table(TABLE)[0]["log_kappa"], kx=5, ky=5)

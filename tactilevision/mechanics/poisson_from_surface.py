@@ -39,7 +39,6 @@ FACE_TILT_STD = 0.02  # slope, prior std of the face's tilt
 PLANE_STD = (1.0, 0.1, 0.1)  # nearly free: mm, and mm per mm
 FREE_DEPTH_STD = 10  # mm, prior std of an unknown depth: nearly free
 MIN_BLOCKS = 12  # blocks outside the punch
-UNKNOWNS = 12  # columns of the linear part of the fit
 DEPTH_STEP = 0.001  # w/h to which certified depths are rounded, so that repeats share one cached profile
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 
@@ -48,7 +47,7 @@ SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 class Press:
     """A view's blocks, whitened to unit variance: W (.), W' W = covariance^-1.
 
-    `depth_mm` of the face on the map's scale; `std` (UNKNOWNS,) the prior of each unknown; `whitener` (n, n) is W;
+    `depth_mm` of the face on the map's scale; `std` (12,) the prior of each unknown; `whitener` (n, n) is W;
     `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the profile; `mean`, `mean_x` and
     `mean_y` (n, m) as in Blocks.
     """
@@ -129,7 +128,7 @@ def _seen(case: PunchCase, source: ProfileSource, step_over_a: float, count: int
 
 START = 0.45  # Poisson's ratio at the start of the fit
 AT_END = 1e-4  # of nu: distance from a bound at which a solver stops
-AT_BOUND = 1e-3  # distance from the table's lowest nu within which another model is taken
+AT_BOUND = 10 * AT_END  # distance from the table's lowest nu within which another model is taken
 PINNED = 1e-6  # standard deviation of a known quantity
 STEP = 1e-4  # of a joint unknown, for derivatives
 MIN_CLUSTERS = 4  # least number of clusters of a robust covariance
@@ -211,9 +210,9 @@ class _Fit:
         return np.where(r > view.radius_mm, rise_factor * depth - off, depth)
 
     def system(self, press: Press, theta: Floats, rise_factor: float = 1.0) -> tuple[Floats, Floats]:
-        """Return the linear equations of the press's own unknowns (UNKNOWNS,), and their right side.
+        """Return the linear equations of the press's own unknowns (12,), and their right side.
 
-        Both are in standard deviations; the last UNKNOWNS + 1 rows are priors and the certified depth.
+        Both are in standard deviations; the last 13 rows are priors and the certified depth.
         """
         view, depth = press.blocks.view, self.profile(press, theta, rise_factor)
         slope = press.depth_mm * np.gradient(depth, press.blocks.r_mm[1])
@@ -227,12 +226,12 @@ class _Fit:
         return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [certified]])
 
     def residuals(self, theta: Floats, rise_factor: float = 1.0) -> list[Floats]:
-        """Return each press's residual (n + UNKNOWNS + 1,) after its own unknowns were fitted."""
+        """Return each press's residual (n + 13,) after its own unknowns were fitted."""
         systems = (self.system(press, theta, rise_factor) for press in self.presses)
         return [goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0] for matrix, goal in systems]
 
     def slopes(self, theta: Floats) -> list[Floats]:
-        """Return the derivative of each press's residual by the joint unknowns, (n + UNKNOWNS + 1, k).
+        """Return the derivative of each press's residual by the joint unknowns, (n + 13, k).
 
         Inwards at a bound.
         """

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -63,17 +63,10 @@ class PunchCase:
     friction: float = 0.0
 
 
-class ProfileSource(Protocol):
-    """Source of the surface around the punch: `linear_profile`, finite element tables, or another.
-
-    Takes material radii r/a >= 1 (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of
-    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source. It is
-    hashable, since its results are cached.
-    """
-
-    def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]: ...
-
-    def __hash__(self) -> int: ...
+# The surface around the punch: `linear_profile`, finite element tables, or another. Takes material radii r/a >= 1
+# (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of depth: rise positive out of the
+# gel, u_r away from the axis. Law and edge radius belong to the source. It is hashable: its results are cached.
+ProfileSource = Callable[[Floats, PunchCase], tuple[Floats, Floats]]
 
 
 def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> tuple[Floats, Floats]:
@@ -250,7 +243,20 @@ def touch_depth(
     height, distance = _placed(indenter, thickness_mm)
 
     def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
-        return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))
+        """Return w and rho, the fixed point of w = H/(1 + rho(w)): fast, since rho hardly depends on w."""
+        from scipy.optimize import fixed_point
+
+        place, a_over_h = np.array([place_mm / indenter.radius_mm]), indenter.radius_mm / thickness_mm
+
+        def rho(w: float) -> float:
+            case = PunchCase(nu, a_over_h, float(w) / thickness_mm, friction)
+            return float(seen_profile(place, case, source=model.source)[0])
+
+        try:
+            depth = fixed_point(lambda w: height / (1 + rho(w)), height, (), TOLERANCE, STEPS, method="iteration")
+        except RuntimeError as fault:
+            raise ConvergenceError(f"the touch depth did not settle in {STEPS} steps") from fault
+        return float(depth), rho(depth)
 
     middle = FULL_FRICTION if model.frictional else 0.0
     depth, rho = rise(poisson_ratio, distance, middle)
@@ -285,29 +291,3 @@ def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
             value=(height, distance),
         )
     return height, distance
-
-
-def _rho(
-    radius_mm: float,
-    place_mm: float,
-    thickness_mm: float,
-    nu: float,
-    state: tuple[float, float],
-    model: ProfileModel,
-) -> float:
-    depth, friction = state
-    case = PunchCase(nu, radius_mm / thickness_mm, depth / thickness_mm, friction)
-    return float(seen_profile(np.array([place_mm / radius_mm]), case, source=model.source)[0])
-
-
-def _solve(height: float, rho: Callable[[float], float]) -> tuple[float, float]:
-    """Return the fixed point of w = H/(1 + rho(w)), which converges fast since rho hardly depends on w."""
-    depth = height
-    for _ in range(STEPS):
-        ratio = rho(depth)
-        previous, depth = depth, height / (1 + ratio)
-        if abs(depth - previous) < TOLERANCE * height:
-            return depth, ratio
-    raise ConvergenceError(
-        f"the touch depth did not settle: {previous:.6g} and {depth:.6g} mm after {STEPS} steps"
-    )

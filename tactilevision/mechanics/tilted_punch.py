@@ -12,7 +12,6 @@ Love, Phil. Trans. R. Soc. A 228 (1929) 377; Polonsky, Keer, Wear 231 (1999) 206
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.files.writing import write_text
 from tactilevision.mechanics.layer import layer_compliance
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
@@ -70,9 +70,7 @@ def make_table(path: Path = TABLE) -> None:
 def _spline() -> RectBivariateSpline:
     from scipy.interpolate import RectBivariateSpline
 
-    with TABLE.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    values = np.array([float(row["upright"]) for row in rows]).reshape(len(RATIOS), PLACES.size)
+    values = np.loadtxt(TABLE, delimiter=",", skiprows=3, usecols=2).reshape(len(RATIOS), PLACES.size)
     return RectBivariateSpline(PLACES, RATIOS, values.T)
 
 
@@ -131,6 +129,6 @@ def _pressed(wave: npt.NDArray[np.complex128], face: Bools, gap: Floats) -> floa
         joins = face & (p == 0) & (rest < 0)
         p = np.where(joins, p - step * rest, p)
         go_on = 0.0 if joins.any() else 1.0
-        if np.sum(np.abs(p - old)) < CONVERGENCE_TOL * max(float(p.sum()), 1e-30):
+        if np.sum(np.abs(p - old)) < CONVERGENCE_TOL * max(float(p.sum()), NONZERO):
             break
     return float(p.sum())

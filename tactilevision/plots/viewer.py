@@ -164,13 +164,11 @@ class Window:
 
     def _draw_map(self, shown: Floats) -> None:
         height = self.height
-        limits = colour_limits(shown, differs=self.differs)
-        colours, label = ("PuOr", CHANGE) if self.differs else (style.DEPTH_MAP, DEPTH)
         self.map.clear()
         extent = extent_mm(height)
-        image = style.show_map(self.map, shown, extent, limits=limits, cmap=colours)
+        image = style.show_map(self.map, shown, extent, **self._colours(shown))
         self.bar.clear()
-        self.figure.colorbar(image, cax=self.bar, label=label)
+        self.figure.colorbar(image, cax=self.bar, label=self._label)
         (x0, y0), (x1, y1) = self.line
         self.map.plot([x0, x1], [y0, y1], color=style.ORANGE, marker="o", label="profile")
         if np.isnan(shown).any():
@@ -180,6 +178,14 @@ class Window:
         style.as_map(self.map, title=titled(height, self._title(), between=" · "))
         if self.slider is not None:
             self.slider.valtext.set_text(f"{self.names[self.number]} ({self.number + 1} of {len(self.names)})")
+
+    @property
+    def _label(self) -> str:
+        return CHANGE if self.differs else DEPTH
+
+    def _colours(self, shown: Floats) -> dict[str, Any]:
+        limits = colour_limits(shown, differs=self.differs)
+        return {"limits": limits, "cmap": "PuOr" if self.differs else style.DEPTH_MAP}
 
     def _title(self) -> str:
         if self.differs and self.marked is not None:
@@ -199,13 +205,11 @@ class Window:
         self.profile.grid(color=style.GRID)
         style.zero_line(self.profile)
         self.profile.invert_yaxis()
-        label = CHANGE if self.differs else DEPTH
-        self.profile.set(xlabel="place along the line (mm)", ylabel=label, title="Profile along the line")
+        self.profile.set(xlabel="place along the line (mm)", ylabel=self._label, title="Profile along the line")
 
     def _draw_surface(self, shown: Floats) -> None:
         self.surface.clear()
-        limits, colours = colour_limits(shown, differs=self.differs), "PuOr" if self.differs else style.DEPTH_MAP
-        scale = relief(self.surface, shown, self.height.mm_per_px, most=COARSE, limits=limits, cmap=colours)
+        scale = relief(self.surface, shown, self.height.mm_per_px, most=COARSE, **self._colours(shown))
         self.surface.set_title(f"Surface, vertical scale × {scale:.0f}", y=1.0)
 
     def _place(self, event: Any) -> Pair | None:

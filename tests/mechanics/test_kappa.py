@@ -11,7 +11,7 @@ import pytest
 from each import each
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.kappa import fast_kappa, kappa, write_table
+from tactilevision.mechanics.kappa import fast_kappa, kappa, make_table
 from tactilevision.mechanics.punch_equation import layer_defect, solve_punch
 
 REFERENCE = Path(__file__).parents[2].parent / "shared/reference/hayes_kappa.csv"
@@ -89,7 +89,7 @@ def test_shapes_broadcast() -> None:
 def test_table_is_reproduced_from_the_equation(tmp_path: Path) -> None:
     from tactilevision.mechanics.kappa import TABLE
 
-    write_table(tmp_path / "table.npz")
+    make_table(tmp_path / "table.npz")
     with np.load(TABLE) as shipped, np.load(tmp_path / "table.npz") as fresh:
         np.testing.assert_allclose(shipped["log_kappa"], fresh["log_kappa"], rtol=0, atol=1e-11)
 

@@ -62,7 +62,7 @@ def height_map() -> HeightMap:
 
 
 def press(height: HeightMap | None, *, certain: bool = True) -> Figure:
-    onset = Onset(0.3, 0.01, 1.0, 0.1, Growth(), 1.0, 0.01, 100.0, 1.0)
+    onset = Onset(0.3, 0.01, 1.0, 0.1, Growth(), 0.01, 100.0, 1.0)
     event = None if height is None or not certain else ContactEvent(0.3, 0.01, 0.3, "bevel", onset)
     signal = None if height is None else 1e-3 * X
     footprint = Footprint(

@@ -18,15 +18,7 @@ from tactilevision.records.measured import Floats, Material
 IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # deformation gradient at rest: F_rr, F_rz, F_zr, F_zz, F_tt
 
 # The in-plane determinant j = F_rr F_zz - F_rz F_zr is quadratic: its second derivative is this constant.
-PLANE_HESSIAN = np.array(
-    [
-        [0.0, 0.0, 0.0, 1.0, 0.0],
-        [0.0, 0.0, -1.0, 0.0, 0.0],
-        [0.0, -1.0, 0.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0, 0.0],
-    ]
-)
+PLANE_HESSIAN = np.pad(np.fliplr(np.diag([1.0, -1.0, -1.0, 1.0])), (0, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,20 +69,20 @@ class Law:
 
     name: str
 
-    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Return the energy of distortion per volume (N,), MPa."""
+    def of_invariant(self, x: Floats, shear_MPa: float) -> tuple[Floats, Floats, Floats]:
+        """Return the energy of distortion per volume at I1' - 3 = `x` and its first two derivatives (N,), MPa."""
         raise NotImplementedError
 
-    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the first two derivatives of the energy by I1' (N,), MPa."""
-        raise NotImplementedError
+    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Return the energy of distortion per volume (N,), MPa."""
+        return self.of_invariant(first_invariant(state) - 3, shear_MPa)[0]
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
         """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         F, J, G = state.F, state.volume, state.volume_gradient
         scale = J ** (-2 / 3)
         length = np.einsum("ni,ni->n", F, F)
-        first, second = self.slopes(scale * length, shear_MPa)
+        _, first, second = self.of_invariant(scale * length - 3, shear_MPa)
         gradient = scale[:, None] * (2 * F - (2 / 3 * length / J)[:, None] * G)
         cross = outer(F, G)
         hessian = -(4 / 3 / J)[:, None, None] * (cross + cross.transpose(0, 2, 1))
@@ -117,16 +109,11 @@ class Yeoh(Law):
     c3: float = 0.0
     name: str = "yeoh"
 
-    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Return the energy of distortion per volume (N,), MPa."""
-        x = first_invariant(state) - 3
-        return shear_MPa / 2 * (x + self.c2 * x**2 + self.c3 * x**3)
-
-    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the first two derivatives of the energy by I1' (N,), MPa."""
-        x = i - 3
-        first = 1 + 2 * self.c2 * x + 3 * self.c3 * x**2
-        return shear_MPa / 2 * first, shear_MPa / 2 * (2 * self.c2 + 6 * self.c3 * x)
+    def of_invariant(self, x: Floats, shear_MPa: float) -> tuple[Floats, Floats, Floats]:
+        """Return the energy of distortion per volume at I1' - 3 = `x` and its first two derivatives (N,), MPa."""
+        half, c2, c3 = shear_MPa / 2, self.c2, self.c3
+        first, second = 1 + 2 * c2 * x + 3 * c3 * x**2, 2 * c2 + 6 * c3 * x
+        return half * (x + c2 * x**2 + c3 * x**3), half * first, half * second
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +141,11 @@ class Gent(Law):
         if not self.limit > 0:
             raise InputError("Gent's limit Jm of I1 - 3 must be above 0", where="Gent", value=self.limit)
 
-    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Return the energy of distortion per volume (N,), MPa."""
-        room = 1 - (first_invariant(state) - 3) / self.limit
-        return -shear_MPa / 2 * self.limit * np.log(np.where(room > 0, room, np.nan))
-
-    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the first two derivatives of the energy by I1' (N,), MPa."""
-        room = 1 - (i - 3) / self.limit
-        first = shear_MPa / 2 / np.where(room > 0, room, np.nan)
-        return first, first / (self.limit * room)
+    def of_invariant(self, x: Floats, shear_MPa: float) -> tuple[Floats, Floats, Floats]:
+        """Return the energy of distortion per volume at I1' - 3 = `x` and its first two derivatives (N,), MPa."""
+        room = np.where(x < self.limit, 1 - x / self.limit, np.nan)
+        first = shear_MPa / 2 / room
+        return -shear_MPa / 2 * self.limit * np.log(room), first, first / (self.limit * room)
 
 
 def first_invariant(state: Deformation) -> Floats:
@@ -175,15 +157,7 @@ def first_invariant(state: Deformation) -> Floats:
 # Hencky's law: linear elasticity between Kirchhoff stress and logarithmic strain.
 
 # |F_plane|² - 2 j = (F_rr - F_zz)² + (F_rz + F_zr)², free of cancellation; half its second derivative:
-_SHAPE = np.array(
-    [
-        [1.0, 0.0, 0.0, -1.0, 0.0],
-        [0.0, 1.0, 1.0, 0.0, 0.0],
-        [0.0, 1.0, 1.0, 0.0, 0.0],
-        [-1.0, 0.0, 0.0, 1.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0, 0.0],
-    ]
-)
+_SHAPE = np.diag([1.0, 1.0, 1.0, 1.0, 0.0]) - PLANE_HESSIAN
 
 _SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its series
 

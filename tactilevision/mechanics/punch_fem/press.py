@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.punch_fem.discretisation import Surface
 from tactilevision.mechanics.punch_fem.newton import State, contact_at, march
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
 from tactilevision.mechanics.punch_fem.solid import stored_energy
@@ -38,26 +37,6 @@ class PunchSolution:
     steps: tuple[State | str, ...]
 
 
-def gather(model: Model, states: list[State], *, steps: list[State | str]) -> PunchSolution:
-    """Collect the equilibria of one march."""
-    r, _ = surface_profile(model, states[0])
-    profiles = np.stack([surface_profile(model, state)[1] for state in states])
-    tractions = [contact_tractions(model, state) for state in states]
-    touching = [t for t in tractions if t is not None]
-    return PunchSolution(
-        depth_mm=np.array([state.depth_mm for state in states]),
-        force_N=np.array([state.force_N for state in states]),
-        energy_N_mm=np.array([energy(model, state) for state in states]),
-        r_mm=r,
-        u_r_mm=profiles[:, 0],
-        u_z_mm=profiles[:, 1],
-        contact_r_mm=model.mesh.surface.r_mm.ravel() if touching else None,
-        pressure_MPa=np.stack([t[0] for t in touching]) if touching else None,
-        shear_MPa=np.stack([t[1] for t in touching]) if touching else None,
-        steps=tuple(steps),
-    )
-
-
 def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
     """Return the material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
     dofs = model.mesh.surface.dofs
@@ -73,21 +52,13 @@ def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | Non
     contact = contact_at(model, state.u, history=state.history)
     if contact is None or state.history is None:
         return None
-    stretch = area_ratio(model.mesh.surface, state.u)
-    return (contact.pressure_MPa / stretch).ravel(), (state.history.shear_MPa / stretch).ravel()
-
-
-def area_ratio(surface: Surface, u: Floats) -> Floats:
-    """Return the deformed over reference area of the surface, a ratio, at its quadrature points (K, Q).
-
-    `u` in mm.
-    """
-    local = u[surface.dofs]
+    surface = model.mesh.surface
+    local = state.u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
     dr = 1 + np.einsum("kqn,kn->kq", surface.slope, local[:, :3])
     dz = np.einsum("kqn,kn->kq", surface.slope, local[:, 3:6])
-    ratio: Floats = r / surface.r_mm * np.hypot(dr, dz)
-    return ratio
+    stretch = r / surface.r_mm * np.hypot(dr, dz)  # deformed over reference area
+    return (contact.pressure_MPa / stretch).ravel(), (state.history.shear_MPa / stretch).ravel()
 
 
 def energy(model: Model, state: State) -> float:
@@ -117,4 +88,17 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
     model = build(problem)
     steps: list[State | str] = []
     states = list(march(model, depths.tolist(), log=steps))
-    return gather(model, states, steps=steps)
+    profiles = np.stack([surface_profile(model, state)[1] for state in states])
+    touching = [found for state in states if (found := contact_tractions(model, state)) is not None]
+    return PunchSolution(
+        depth_mm=np.array([state.depth_mm for state in states]),
+        force_N=np.array([state.force_N for state in states]),
+        energy_N_mm=np.array([energy(model, state) for state in states]),
+        r_mm=surface_profile(model, states[0])[0],
+        u_r_mm=profiles[:, 0],
+        u_z_mm=profiles[:, 1],
+        contact_r_mm=model.mesh.surface.r_mm.ravel() if touching else None,
+        pressure_MPa=np.stack([found[0] for found in touching]) if touching else None,
+        shear_MPa=np.stack([found[1] for found in touching]) if touching else None,
+        steps=tuple(steps),
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
 from bisect import bisect_right
 from collections import defaultdict
@@ -17,10 +16,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.files.arrays import read_arrays
-from tactilevision.files.documents import read_json
-from tactilevision.files.opening import read_bytes
-from tactilevision.files.writing import replacing, write_json
+from tactilevision.files.arrays import load_table, save_table
+from tactilevision.files.writing import replacing
 from tactilevision.mechanics.flat_contact import friction_place
 from tactilevision.mechanics.tables.blocks import Block, Key, Solved, build_blocks, on_one_grid
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, load_case
@@ -149,32 +146,19 @@ def shipped_table() -> Table:
 
 def read_table(path: Path) -> Table:
     """Read PATH and check it by the card next to it."""
-    card = read_json(path.with_suffix(".json"))
-    if hashlib.sha256(read_bytes(path)).hexdigest() != card.get("sha256"):
-        raise InputError(
-            "the table differs from its card",
-            where=path,
-            remedy="Reinstall tactilevision, or tabulate anew.",
-        )
-    data = read_arrays(path)
+    data, card = load_table(path)
     own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
     return Table(tuple(on_one_grid(own)), card)
 
 
-def write_table(path: Path, blocks: Sequence[Block], *, notes: dict[str, Any]) -> None:
+def write_blocks(path: Path, blocks: Sequence[Block], *, notes: dict[str, Any]) -> None:
     """Write PATH (.npz), every block at its own nodes, and its card (.json); `notes` go into the card."""
     arrays: dict[str, Any] = {}
     for number, block in enumerate(blocks):
         arrays |= {f"{name}_{number}": getattr(block.axes, name) for name in AXES}
         arrays[f"stiffness_{number}"] = block.stiffness.astype(np.float32)
         arrays[f"surface_{number}"] = block.surface.astype(np.float16)
-    with replacing(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **arrays)
-    content = {
-        "blocks": [_about(block) for block in blocks],
-        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-    }
-    write_json(path.with_suffix(".json"), notes | content)
+    save_table(path, {**notes, "blocks": [_about(block) for block in blocks]}, **arrays)
 
 
 @lru_cache(maxsize=128)
@@ -260,7 +244,7 @@ def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: 
         "source": "tactilevision.mechanics.punch_fem, made by tactilevision tabulate",
         "date": date.today().isoformat(),
     }
-    write_table(Path(out), build_blocks(solved), notes=card | notes)
+    write_blocks(Path(out), build_blocks(solved), notes=card | notes)
     _write_cases(Path(out).with_suffix(".csv"), solved)
     return missing
 

@@ -17,7 +17,7 @@ from tactilevision.mechanics.tables.blocks import Block, build_blocks, deepened,
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
 from tactilevision.mechanics.tables.solve import JAMS, Press, agreed, before_a_jam, solve_case
-from tactilevision.mechanics.tables.table import Table, mixed, read_table, straight, write_table
+from tactilevision.mechanics.tables.table import Table, mixed, read_table, straight, write_blocks
 from tactilevision.records.measured import Floats
 
 AXES = Axes(np.array([0.3, 0.4, 0.45, 0.48, 0.4999]), np.array([0.2, 0.4, 0.7, 1.1, 1.5]), np.array(DEPTHS))
@@ -211,7 +211,7 @@ def test_a_block_with_gaps_is_refused() -> None:
 
 
 def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path: Path) -> None:
-    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks()), notes={"what": "made up"})
+    write_blocks(tmp_path / "punch.npz", build_blocks(solved_blocks()), notes={"what": "made up"})
     table = read_table(tmp_path / "punch.npz")
     place = table.axes.places(np.array(0.47), np.array(0.8), np.array([0.05]))
 
@@ -236,7 +236,7 @@ def test_a_table_of_one_edge_serves_edges_near_it() -> None:
 
 
 def test_a_table_that_is_not_its_cards_is_refused(tmp_path: Path) -> None:
-    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), notes={})
+    write_blocks(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), notes={})
     assert isinstance(read_table(tmp_path / "punch.npz"), Table)
     card = json.loads((tmp_path / "punch.json").read_text())
     (tmp_path / "punch.json").write_text(json.dumps(card | {"sha256": "0"}))
