@@ -117,7 +117,7 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
         normal[:, 3, 3] += 1 / amplitude[1] ** 2
         right[:, 3] += amplitude[0] / amplitude[1] ** 2
         constant += (amplitude[0] / amplitude[1]) ** 2
-    coefficients = np.linalg.solve(normal, right[..., None])[..., 0]
+    coefficients = np.linalg.solve(normal, right[..., None])[..., 0].astype(np.float64)
     chi2 = constant - (coefficients * right).sum(axis=1)
     flat_answer = np.linalg.solve(normal[-1, :3, :3], right[-1, :3])
     flat = float(((y / noise) ** 2).sum() - flat_answer @ right[-1, :3])

@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import Footprint, HeightMap
@@ -101,9 +100,7 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
         return 0.0
     step = float(radii[1] - radii[0])
     reach = np.arange(-0.3 * radii[-1], 0.3 * radii[-1], step)
-    places = (at[:, None] + reach - radii[0]) / step
-    rays = np.broadcast_to(np.arange(len(at))[:, None], places.shape)
-    walls = map_coordinates(slope, [rays, places], order=1)  # 0 beyond the ends of a ray
+    walls = _between(slope, (at[:, None] + reach - radii[0]) / step)
     whole = walls[np.isfinite(walls).all(axis=1)]  # not cut by the view's border
     if not len(whole):
         return 0.0
@@ -115,6 +112,19 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
     outward = _half_width(wall[middle:], half) * step
     ratios, offsets = _wall_family()
     return inward * float(np.interp(outward / max(inward, step), ratios, offsets))
+
+
+def _between(rows: Floats, places: Floats) -> Floats:
+    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between.
+
+    0 beyond its ends.
+    """
+    last = rows.shape[1] - 1
+    left = np.clip(places.astype(np.intp), 0, last - 1)
+    share = places - left
+    low, high = (np.take_along_axis(rows, at, axis=1) for at in (left, left + 1))
+    value = np.where(share == 0, low, np.where(share == 1, high, low + share * (high - low)))
+    return np.where((places < 0) | (places > last), 0.0, value)
 
 
 def _half_width(flank: Floats, half: float) -> float:

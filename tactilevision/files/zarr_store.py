@@ -87,7 +87,7 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 
 def read_frames(scratch: Path, fields: Sequence[str]) -> dict[str, Singles]:
-    """Return the fields of a store, (frames, rows, columns) each, NaN for a frame that was not written."""
+    """Return the fields (frames, rows, columns) of a store, in their unit; NaN for unwritten frames."""
     with _own_threads():
         group = _zarr().open_group(str(scratch), mode="r")
         return {name: np.asarray(group[name][:]) for name in fields}

@@ -19,7 +19,7 @@ from tactilevision.files.writing import replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import NO_CONTACT, ForceField, ForceSettings, Triple, triple
+from tactilevision.force.field import NO_CONTACT, ForceField, Triple, triple
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
@@ -323,7 +323,6 @@ def force_job(
     *,
     material: Material,
     out: Path | str,
-    settings: ForceSettings | None = None,
     form: Form = "npz",
     untouched: Untouched | None = None,
     compliance: GelCompliance | None = None,
@@ -345,9 +344,7 @@ def force_job(
             else "Add [sensor.gel] with thickness_mm, shape and size.",
         )
     view = (sensor.height_px, sensor.width_px)
-    field = ForceField(
-        sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings, compliance=compliance
-    )
+    field = ForceField(sensor.gel, material, sensor.mm_per_px, view_px=view, compliance=compliance)
     assert field.compliance is not None
     store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)

@@ -34,6 +34,7 @@ from tactilevision.photometric.ball_samples import far_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.drift import block_means
 from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator, tile_px_for
 from tactilevision.photometric.methods.network import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
@@ -210,8 +211,7 @@ def untouched_std_mm(depths: Sequence[Array]) -> Floats:
     height, width = depths[0].shape
     block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
     size = (max(2, width // BLOCK_PX), max(2, height // BLOCK_PX))
-    blocks = cv2.resize(np.asarray(block_std, np.float32), size, interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    smooth = cv2.GaussianBlur(block_means(block_std, size), (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
 
 

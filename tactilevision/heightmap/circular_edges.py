@@ -251,10 +251,8 @@ def _harmonics(places: Floats, good: Bools) -> tuple[Floats, float, float]:
     off = places - np.median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(ROUNDS):
-        before, solution = (
-            solution,
-            weighted_solution(terms, places, weights=geman_mcclure_weight(off, 2.0 * scale)),
-        )
+        before, weights = solution, geman_mcclure_weight(off, 2.0 * scale)
+        solution = weighted_solution(terms, places, weights=weights)
         off = places - solution @ terms
         scale = residual_std(off)
         if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:

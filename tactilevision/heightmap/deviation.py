@@ -15,7 +15,7 @@ from tactilevision.heightmap.walls import PunchEdge, window_of
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import Patch
-from tactilevision.photometric.drift import SOFTENING_GREY, shares
+from tactilevision.photometric.drift import SOFTENING_GREY, block_means, shares
 from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.records.maps import HeightMap, SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
@@ -145,7 +145,7 @@ class DepthError:
         if not self.extrapolates:
             return False
         size = self.extrapolated_std.shape[::-1]
-        share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        share = block_means(contact, size)
         covered = float(share.sum())
         return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered
 
@@ -362,7 +362,7 @@ class DriftError:
         tracker, shape = method.change.tracker, method.reference.shape
         self.blocks = (tracker.size[1], tracker.size[0])
         self.terms = plane_terms(shape, self.blocks)
-        kept_share = cv2.resize(method.kept_share, tracker.size, interpolation=cv2.INTER_AREA)
+        kept_share = block_means(method.kept_share, tracker.size)
         evaluate = method.law.evaluator(self.blocks)
         block_mm = tuple(
             n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
@@ -377,7 +377,9 @@ class DriftError:
                     kept_share * (more - less) / (2.0 * STEP)
                     for more, less in zip(evaluate(change), evaluate(-change), strict=True)
                 ]
-                depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()
+                depths[channel, number] = integrate(
+                    SlopeMap(slopes[0], slopes[1]), (block_mm[0], block_mm[1])
+                ).ravel()
 
         self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
 

@@ -18,7 +18,7 @@ from tactilevision.heightmap.scene_faults import exchanged, scene_faults
 from tactilevision.heightmap.zero_plane import ZeroPlane
 from tactilevision.photometric.ball_consistency import COVERED
 from tactilevision.photometric.colour_change import FrameChange
-from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, distance_px, solid
+from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, block_means, distance_px, solid
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
 from tactilevision.records.constants import ROUNDING, TINY
@@ -419,10 +419,7 @@ def _in_blocks(
         height = height_map(picture)
         if height.std_mm is not None:
             tracker = method.change.tracker
-            depth, std = (
-                cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
-                for a in (height.depth_mm, height.std_mm)
-            )
+            depth, std = (block_means(field, tracker.size) for field in (height.depth_mm, height.std_mm))
             changed = ~tracker.measure(picture).untouched
             return depth, std, changed & tracker.usable.reshape(changed.shape)
     return None

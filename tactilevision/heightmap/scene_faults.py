@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
+from tactilevision.photometric.drift import block_means
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import COLOURS, make_reference
 from tactilevision.photometric.storage import load_network
@@ -41,13 +42,9 @@ BLOCKS = (16, 12)  # across and down: too coarse for markers and noise
 FINE_BLOCKS = (48, 36)  # across and down, for small marks
 DARK_GREY = 4  # added to grey levels, so that black has a logarithm
 MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
-BETTER = (
-    0.6  # share of the change that remains after the correct exchange, and of the curl: a false one doubles it
-)
+BETTER = 0.6  # share of the change, or of the curl, that remains after the correct exchange
 FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
-MIN_FALL = (
-    0.1  # of a channel's brightness, from the darker to the brighter half: below it brightness itself is used
-)
+MIN_FALL = 0.1  # of a channel's brightness, from darker to brighter half; else brightness itself is used
 LEAST_KEPT = 0.01  # share of a channel that is dark
 GAMMA_CHANGE = 0.12  # of the exponent: a camera's own curve keeps it within .05
 GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exponent
@@ -130,8 +127,7 @@ def _changes(reference: Array, pictures: Sequence[Bytes]) -> tuple[Floats, Float
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
     """Return ln of mean grey (rows, columns, 3) in blocks."""
-    grey = cv2.resize(np.asarray(rgb, np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
+    return np.asarray(np.log(block_means(rgb, size).astype(np.float64) + DARK_GREY))
 
 
 def exchanged(before: Floats, now: Floats) -> str:

@@ -294,9 +294,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # Assumes a flat face, at least a third of whose rim is in the picture.
 
 FOOT_PX = 6  # px inside the edge from which slopes are read
-FAR = (
-    0.4  # of the radius outside the edge, to which slopes are read; farther where a wall hides more than its half
-)
+FAR = 0.4  # of the radius outside the edge, to which slopes are read; farther by a wall that hides half of it
 HIDDEN_SHARE = 0.5  # of that range, which a wall may hide: with more, the rest no longer determines the law
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
 SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle

@@ -22,7 +22,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tactilevision.photometric.drift import blocks_of, distance_px
+from tactilevision.photometric.drift import block_means, blocks_of, distance_px
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
@@ -121,10 +121,7 @@ def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pai
 def flat_blocks(slopes: SlopeMap) -> Bools:
     """Return the blocks (h, w) of the picture whose mean slope (mm/mm) is not significant."""
     size, _ = blocks_of(slopes.dz_dx.shape)
-    p, q = (
-        cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
-        for s in (slopes.dz_dx, slopes.dz_dy)
-    )
+    p, q = (block_means(slope, size) for slope in (slopes.dz_dx, slopes.dz_dy))
     steep = np.hypot(p - np.median(p), q - np.median(q))
     return np.asarray(steep < slope_limit(np.median(steep)))
 
@@ -222,10 +219,7 @@ def _reweighted_fit(
         square *= square
         square[touched] = np.inf
         scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + TINY
-        if (
-            max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
-            < CONVERGENCE_TOL * scale
-        ):
+        if np.abs(solution[:3] - before[:3]).max() < CONVERGENCE_TOL * scale:
             break
         if rises:
             prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2

@@ -533,6 +533,11 @@ def blocks_of(shape: tuple[int, ...]) -> tuple[tuple[int, int], int]:
     return (max(2, width // block), max(2, height // block)), block
 
 
+def block_means(picture: npt.NDArray[Any], size: tuple[int, int]) -> Picture:
+    """Return the means (h, w) or (h, w, C) of a picture, in its unit, over `size` (across, down) equal blocks."""
+    return np.asarray(cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA))
+
+
 def _centres(blocks: int, pixels: int) -> Floats:
     """Return the centres of the blocks on a line of pixels whose ends are at -1 and 1."""
     return np.asarray((2.0 * (np.arange(blocks) + 0.5) * pixels / blocks - pixels) / (pixels - 1))

@@ -38,13 +38,9 @@ class ContactThresholds:
     depth_speck: float = 0.1  # of the largest region's area: smaller regions are specks
     depth_top_share: float = 0.5  # of the deepest: bounds the roughness where a contact fills half of the map
     strong_slope: float = 0.15  # mm/mm: outside 182 real contacts .12 at most, in the shallowest .19
-    strong_colour_sigma: float = (
-        80  # standard deviations of a block: outside those contacts 53 at most, inside 127
-    )
+    strong_colour_sigma: float = 80  # standard deviations of a block: outside contacts 53 at most, inside 127
     strong_share: float = 0.03  # of a region that must be so steep or so coloured; less may be a speck in it
-    strong_blind_mm: float = (
-        0.25  # mm: median deviation of a map without information; half a black picture has .36
-    )
+    strong_blind_mm: float = 0.25  # mm: median deviation of a map without information; half black it is .36
     live_sigma: float = 5  # standard deviations of untouched gel; benchmarks.stream
     live_min_px: int = 20  # pixels that reach it: fewer are noise
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none

@@ -20,7 +20,7 @@ class PunchSolution:
 
     `depth_mm`, `force_N`, `energy_N_mm` (T,): the punch's depth and force into the gel, and the strain energy.
     `r_mm` (S,) material radii of the surface's nodes; `u_r_mm`, `u_z_mm` (T, S) their displacements, the rise
-    around the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
+    around the punch positive. `pressure_MPa`, `shear_MPa` (T, C) true contact
     tractions on the gel, shear positive outward along the punch; None where a face is glued. `steps`: the
     equilibrium of every attempted step, or why there is none.
     """
@@ -31,7 +31,6 @@ class PunchSolution:
     r_mm: Floats
     u_r_mm: Floats
     u_z_mm: Floats
-    contact_r_mm: Floats | None
     pressure_MPa: Floats | None
     shear_MPa: Floats | None
     steps: tuple[State | str, ...]
@@ -97,7 +96,6 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
         r_mm=surface_profile(model, states[0])[0],
         u_r_mm=profiles[:, 0],
         u_z_mm=profiles[:, 1],
-        contact_r_mm=model.mesh.surface.r_mm.ravel() if touching else None,
         pressure_MPa=np.stack([found[0] for found in touching]) if touching else None,
         shear_MPa=np.stack([found[1] for found in touching]) if touching else None,
         steps=tuple(steps),
