@@ -364,22 +364,18 @@ class DriftError:
         self.terms = plane_terms(shape, self.blocks)
         kept_share = block_means(method.kept_share, tracker.size)
         evaluate = method.law.evaluator(self.blocks)
-        block_mm = tuple(
-            n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
-        )
+        across, down = (n * mm / few for n, mm, few in zip(shape[::-1], mm_per_px, tracker.size, strict=True))
         effects = tracker.effects / (tracker.level + SOFTENING_GREY)[:, None, :]
         depths = np.zeros(effects.shape)
         for channel, parts in enumerate(effects):
             for number, part in enumerate(parts):
                 change = np.zeros((3, *self.blocks), np.float32)
                 change[channel] = STEP * part.reshape(self.blocks)
-                slopes = [
+                dz_dx, dz_dy = (
                     kept_share * (more - less) / (2.0 * STEP)
                     for more, less in zip(evaluate(change), evaluate(-change), strict=True)
-                ]
-                depths[channel, number] = integrate(
-                    SlopeMap(slopes[0], slopes[1]), (block_mm[0], block_mm[1])
-                ).ravel()
+                )
+                depths[channel, number] = integrate(SlopeMap(dz_dx, dz_dy), (across, down)).ravel()
 
         self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
 

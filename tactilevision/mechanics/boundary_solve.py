@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from tactilevision.errors import ConvergenceError
 from tactilevision.files.arrays import save_table
 from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.newton import State, march
+from tactilevision.mechanics.punch_fem.newton import march, reached
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
 from tactilevision.records.measured import Floats, Material
 
@@ -81,11 +79,4 @@ def depth_ratio(a_over_h: float, poisson_ratio: float, d_over_h: float, friction
 def _forces(poisson_ratio: float, a_over_h: float, pad_over_h: float, friction: float) -> Floats:
     punch = RoundedPunch(a_over_h, EDGE_OVER_H, friction)
     problem = PunchProblem(Material(1.0, poisson_ratio), punch, 1.0, pad_over_h, may_fold=True)
-    return np.array([state.force_N for state in _reached(problem)])
-
-
-def _reached(problem: PunchProblem) -> Iterator[State]:
-    try:
-        yield from march(build(problem), b.RATIO_DEPTHS, log=[])
-    except ConvergenceError:
-        return
+    return np.array([state.force_N for state in reached(build(problem), b.RATIO_DEPTHS, log=[])])

@@ -97,19 +97,16 @@ def punch_profile(
     from scipy.interpolate import CubicSpline
 
     from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-    from tactilevision.mechanics.punch_fem.newton import State, march
+    from tactilevision.mechanics.punch_fem.newton import State, reached
     from tactilevision.mechanics.punch_fem.press import surface_profile
     from tactilevision.mechanics.punch_fem.problem import PunchProblem, build
 
     punch = RoundedPunch(radius_mm, edge_radius_mm, friction)
     model = build(PunchProblem(Material(1.0, poisson_ratio), punch, thickness_mm, pad_radius_mm))
-    states: list[State] = []
-    try:
-        for state in march(model, [thickness_mm * share for share in _DEPTHS], log=[]):
-            states.append(state)  # noqa: PERF402 - depths before an error are kept
-    except ConvergenceError:
-        if len(states) < 2:
-            raise
+    steps: list[State | str] = []
+    states = reached(model, [thickness_mm * share for share in _DEPTHS], log=steps)
+    if len(states) < 2:
+        raise ConvergenceError(f"the punch's press ends: {steps[-1]}")
     depths = np.array([state.depth_mm for state in states])
     nodes, _ = surface_profile(model, states[0])
     moved = np.array([surface_profile(model, state)[1] for state in states]) / depths[:, None, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,6 +170,15 @@ def march(model: Model, targets: Sequence[float], *, log: list[State | str]) -> 
             step = max(step, taken * 2) if outcome.iterations <= QUICK else max(step, taken)
             before, last, patient = last, outcome, False
         yield last
+
+
+def reached(model: Model, targets: Sequence[float], *, log: list[State | str]) -> list[State]:
+    """Return the equilibria at the depths (mm) of `targets`, as far as they are found; `log` as in march."""
+    states = []
+    with suppress(ConvergenceError):
+        for state in march(model, targets, log=log):
+            states.append(state)  # noqa: PERF402 - what was reached before an error is kept
+    return states
 
 
 def _extrapolate(before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.errors import ConvergenceError
 from tactilevision.files.runs import output_lock
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, least_acoustic
-from tactilevision.mechanics.punch_fem.newton import State, march
+from tactilevision.mechanics.punch_fem.newton import State, reached
 from tactilevision.mechanics.punch_fem.press import surface_profile
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
 from tactilevision.mechanics.punch_fem.solid import deform
@@ -112,12 +111,8 @@ def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
 def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     model = build(problem_of(case, coarser))
     steps: list[State | str] = []
-    states: list[State] = []
-    ended = ""
-    try:
-        for state in march(model, depths, log=steps):
-            states.append(state)  # noqa: PERF402 - what was reached before an error is kept
-    except ConvergenceError:
+    states, ended = reached(model, depths, log=steps), ""
+    if len(states) < len(depths):
         ended = str(steps[-1])
         last = max((step.depth_mm for step in steps if isinstance(step, State)), default=0.0)
         states = [state for state in states if state.depth_mm * BRINK <= last]
