@@ -183,7 +183,7 @@ def _profiles(
     """
     px = min(mm_per_px)
     sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
-    across, down = _directions(sectors * ACROSS)
+    _, across, down = _waves(sectors * ACROSS).astype(np.float32)[:, :, None]
     inner = max(0.4 * circle[2], circle[2] - INNER_PX * px)
     places = np.arange(inner + 0.5 * BIN_PX * px, outer, BIN_PX * px)
     r = places.astype(np.float32)
@@ -207,15 +207,8 @@ def _sampled(plane: Array, x: Picture, y: Picture) -> Picture:
 
 
 @lru_cache(maxsize=64)
-def _directions(count: int) -> tuple[Picture, Picture]:
-    """Return cosines and sines (count, 1) of evenly spread directions."""
-    angle = 2 * np.pi * (np.arange(count)[:, None] + 0.5) / count
-    return np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
-
-
-@lru_cache(maxsize=64)
 def _waves(sectors: int) -> Floats:
-    """Return 1, cos and sin (3, sectors) of the sectors' angles."""
+    """Return 1, cos and sin (3, sectors) of evenly spread directions."""
     angle = 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
 

@@ -35,8 +35,6 @@ A_OVER_H_RANGE = (0.05, 10)  # a/h, range of validity
 class PunchSolution:
     """Solution at one (nu, a/h): `phi` (n,) at the Gauss nodes `x` (n,) in (0, 1) with `weights` (n,)."""
 
-    poisson_ratio: float
-    a_over_h: float
     x: Floats
     weights: Floats
     phi: Floats
@@ -88,7 +86,7 @@ def solve_punch(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) ->
     check_range(poisson_ratio, a_over_h, where="solve_punch")
     x, weights = gauss(nodes)
     phi = np.linalg.solve(equation_matrix(poisson_ratio, a_over_h, nodes=nodes), np.ones(nodes))
-    return PunchSolution(float(poisson_ratio), float(a_over_h), x, weights, phi.astype(float))
+    return PunchSolution(x, weights, phi.astype(float))
 
 
 def equation_matrix(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) -> Floats:

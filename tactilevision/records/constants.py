@@ -4,8 +4,8 @@ from __future__ import annotations
 
 Z95 = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
 KILO = 1e3  # m to mm, N to mN, s to ms
-MILLI = 1e-3  # mm to m, mN to N, ms to s
-MICRO = 1e-6  # um to m, uN to N, us to s
+MILLI = 1 / KILO  # mm to m, mN to N, ms to s
+MICRO = MILLI**2  # um to m, uN to N, us to s
 ROUNDING = 1e-9  # relative tolerance for sums and products of floats
 TAILS95 = (0.025, 0.975)  # quantiles at the ends of a 95 % interval
 NONZERO = 1e-300  # keeps a norm or a probability from zero without changing any other

@@ -112,8 +112,5 @@ def continued(depths: Floats, values: Floats) -> Floats:
 
 def cells_of(known: Bools) -> Bools:
     """Return the mask of the cells of which all eight corners are among the `known` nodes (nu, a/h, depth)."""
-    for axis in range(3):
-        low = np.take(known, range(known.shape[axis] - 1), axis=axis)
-        high = np.take(known, range(1, known.shape[axis]), axis=axis)
-        known = np.asarray(low & high)
-    return known
+    corners = np.lib.stride_tricks.sliding_window_view(known, (2, 2, 2))
+    return np.asarray(corners.all(axis=(-3, -2, -1)))
