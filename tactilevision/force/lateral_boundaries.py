@@ -117,7 +117,7 @@ def stiffness(mesh: GelMesh, *, poisson_ratio: float) -> sparse.csc_array:
     trace = whole[0][0] + whole[1][1] + whole[2][2]
 
     def block(i: int, j: int) -> Any:
-        """2 mu eps : eps = mu (u_i,j v_i,j + u_i,j v_j,i); 1, x, y over the face or z over the line in P."""
+        """Return K_ij: 2 mu eps : eps = mu (u_i,j v_i,j + u_i,j v_j,i); P on 1, x, y (face) and on z (line)."""
         volume = sparse.kron(line_0[i][j], face_1[i][j] - face_0[i][j]) + sparse.kron(line_1[i][j], face_0[i][j])
         strain = whole[j][i] + trace if i == j else whole[j][i]
         return mu * strain + lame * volume
