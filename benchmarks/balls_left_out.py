@@ -69,11 +69,11 @@ def left_out(
     for out in range(FOLDS):
         others = [picture for (picture, _), one in zip(kept, fold, strict=True) if one != out]
         read = own_reader(reference, others, mm_per_px)
-        for number in np.flatnonzero(fold == out):
+        for number in np.flatnonzero(fold == out).tolist():
             picture, ball = kept[number]
             reading = read(picture.rgb)
             direction = judged(reading, ball, mm_per_px)[0]
-            found[int(number)] = LeftOut(ball, direction, *dent_mm(reading.depth_mm, ball, mm_per_px=mm_per_px))
+            found[number] = LeftOut(ball, direction, *dent_mm(reading.depth_mm, ball, mm_per_px=mm_per_px))
     return [found[number] for number in range(len(kept))]
 
 
@@ -101,4 +101,4 @@ def quick() -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), sys.argv[2:])
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else PARTITIONS, sys.argv[2:])

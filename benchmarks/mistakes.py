@@ -30,7 +30,7 @@ from tactilevision.heightmap import (
     scene_faults as scene,
 )
 from tactilevision.photometric import ball_consistency, calibrate
-from tactilevision.recording import pictures
+from tactilevision.recording import images, pictures
 from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Bytes, Floats
@@ -146,7 +146,7 @@ def _heard(owner: Any, name: str, spoken: Counter[str]) -> Any:
 
 def made(mistake: Mistake, recording: Recording) -> str:
     """Return what comes of a mistake."""
-    plain = pictures.read_image
+    plain = images.read_image
 
     def read(path: Path, **named: Any) -> Bytes:
         kind = next((one for one in ("ball", "flat") if one in path.parts), "frame")

@@ -35,7 +35,7 @@ from tactilevision.heightmap.build import build_reconstructor, tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.ball_samples import INSIDE, far_from
+from tactilevision.photometric.ball_samples import INSIDE, far_from, from_axis
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
 from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.reference import Reference
@@ -137,21 +137,24 @@ def compare(
             f"gel away from the ball {np.median(waves):.0f} um"
             + (f", free frames {1e3 * np.median(flat[library]):.0f} um" if free else "")
         )
-    times = timed({library: lambda r=read: r(kept[0][0].rgb) for library, read in readers.items()})  # type: ignore[misc]
+    times = timed({library: lambda r=read: r(kept[0][0].rgb) for library, read in readers.items()})
     print(f"{name} a frame: " + ", ".join(f"{library} {one:.1f} ms" for library, one in times.items()))
 
 
 def judged(found: Reading, ball: Ball, mm_per_px: Pair) -> tuple[Floats, float, float]:
     """Direction's error (N,) in degrees under a ball, its dent over the true one, rms in mm far from it."""
-    rows, columns = np.indices(found.depth_mm.shape)
-    x, y = (columns - ball.centre_px[0]) * mm_per_px[0], (rows - ball.centre_px[1]) * mm_per_px[1]
+    x, y, distance = from_axis(found.depth_mm.shape, ball, mm_per_px)
     contact_mm = ball.contact_radius_px * mm_per_px[0]
-    inside = np.hypot(x, y) < INSIDE * contact_mm
+    inside = distance < INSIDE * contact_mm
     true = ball_slopes(x[inside], y[inside], contact_mm=contact_mm, radius_mm=ball.radius_mm)
     slopes = np.stack([found.dz_dx[inside], found.dz_dy[inside]], axis=1)
     dent, of = dent_mm(found.depth_mm, ball, mm_per_px=mm_per_px)
     away = far_from(ball, found.depth_mm.shape, mm_per_px=mm_per_px)
-    return direction_error_deg(slopes, np.stack(true, axis=1)), dent / of, flatness(found.depth_mm, away)
+    return (
+        direction_error_deg(slopes.astype(np.float64), np.stack(true, axis=1)),
+        dent / of,
+        flatness(found.depth_mm, away),
+    )
 
 
 def flatness(depth_mm: Map, where: Any) -> float:
@@ -210,9 +213,8 @@ def trained(
 
     features, angles = [], []
     for picture, ball in balls:
-        rows, columns = np.indices(free_bgr.shape[:2])
-        x, y = columns - ball.centre_px[0], rows - ball.centre_px[1]
-        inside = np.hypot(x, y) < ball.contact_radius_px - LESS_PX
+        x, y, distance = from_axis(free_bgr.shape[:2], ball, (1.0, 1.0))
+        inside = distance < ball.contact_radius_px - LESS_PX
         upright = np.sqrt((ball.radius_mm / mm_per_px[0]) ** 2 - x[inside] ** 2 - y[inside] ** 2)
         angles.append(np.stack([np.arctan2(side[inside], upright) for side in (x, y)], axis=1))
         features.append(peer.image2bgrxys(np.ascontiguousarray(picture.rgb[..., ::-1]))[inside])
@@ -226,9 +228,12 @@ def trained(
     optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
     schedule = torch.optim.lr_scheduler.StepLR(optimiser, step_size=HALVED_EVERY, gamma=0.5)
     for _ in range(epochs):
-        for batch in torch.randperm(len(known)).split(BATCH):
+        order = torch.randperm(len(known))
+        for start in range(0, len(known), BATCH):
+            batch = order[start : start + BATCH]
             optimiser.zero_grad()
-            torch.nn.functional.l1_loss(network(known[batch]), true[batch]).backward()
+            loss: Any = torch.nn.functional.l1_loss(network(known[batch]), true[batch])
+            loss.backward()
             optimiser.step()
         schedule.step()
     return network.eval()
@@ -256,7 +261,7 @@ def speed(peer: Any) -> None:
             rgb = rectify(reader.sensor, frame.rgb)
             return made.get_surface_info(np.ascontiguousarray(rgb[..., ::-1]), reader.sensor.mm_per_px[0])
 
-        times = timed({"tactilevision": lambda f=frames[at]: reader.height_map(f), "gs_sdk": theirs})  # type: ignore[misc]
+        times = timed({"tactilevision": lambda f=frames[at]: reader.height_map(f), "gs_sdk": theirs})
         ours, other = times.values()
         print(
             f"sample, {name} ({depths[at]:.2f} mm): tactilevision {ours:.2f} ms, gs_sdk {other:.1f} ms, "

@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def main() -> None:
     models = Models(sample)
     timed("plain law fitted: the first waterfall", lambda: models.fitted((), ()))
     for key in (MISSING, QUICK):
-        timed(f"{key} added: the error falls", lambda key=key: models.fitted((), (key,)))
+        timed(f"{key} added: the error falls", partial(models.fitted, (), (key,)))
     timed("and what it says of the gel", lambda: models.completed((), (MISSING,)))
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(
@@ -48,7 +49,7 @@ def main() -> None:
         )
         timed("opened, with what stands out", lambda: bench.work(until_idle=True))
         for action in ("add", "undo", "redo"):
-            timed(f"{action}, once it was fitted", lambda action=action: act(bench, action))
+            timed(f"{action}, once it was fitted", partial(act, bench, action))
         timed("state and curves made for the page, each time", lambda: views(bench), PATIENT)
     scrubbed()
 

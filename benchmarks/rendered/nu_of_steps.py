@@ -61,7 +61,7 @@ def _views(
     for number, step in enumerate(steps, start=1):
         frame, drawn = read_frame(recording, number), true_depth_mm(folder, f"frame_{number:05d}")
         seen = reader.slope_map(frame)
-        q, p = np.gradient(drawn, scale[1], scale[0])
+        q, p = map(np.asarray, np.gradient(drawn, scale[1], scale[0]))
         views.append(
             (_view(seen, step, recording, number), _view(replace(seen, dz_dx=p, dz_dy=q), step, recording, number))
         )
