@@ -29,7 +29,7 @@ from tactilevision.heightmap import (
     reference_match as match,
     scene_faults as scene,
 )
-from tactilevision.photometric import ball_consistency, calibrate
+from tactilevision.photometric import ball_consistency as consistency
 from tactilevision.recording import images, pictures
 from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read import read_recording
@@ -40,9 +40,9 @@ LATER = 90  # frame from which a change that comes later is there
 DETECTORS: tuple[tuple[Any, str], ...] = (
     *((scene, name) for name in ("exchanged", "_failed_lamp", "_failed_later", "_gamma", "_exposure", "_mark")),
     *((match, name) for name in ("image_shift", "contact_in_reference", "other_light")),
-    *((ball_consistency, name) for name in ("shared_contact", "contact_in_reference")),
-    *((calibrate, name) for name in ("contradicting_radii", "outlier_among", "odd_balls", "coverage_warnings")),
-    *((calibrate, name) for name in ("label_warnings", "scale_warnings", "_observability_warnings")),
+    *((consistency, name) for name in ("shared_contact", "contact_in_reference")),
+    *((consistency, name) for name in ("contradicting_radii", "outlier_among", "odd_balls", "coverage_warnings")),
+    *((consistency, name) for name in ("label_warnings", "scale_warnings", "observability_warnings")),
     *((ball_validation, name) for name in ("usual_scale_warnings", "odd_by_usual_light", "unfit")),
     *((build, name) for name in ("order_warnings", "dark_colour_warning", "overexposed_warning")),
     (reconstructor, "rises_too_much"),

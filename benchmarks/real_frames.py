@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.public_frames import Balls
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture, collect_balls, refine_balls
+from tactilevision.photometric.ball_pictures import BallPicture, BallSearch
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.reference import make_reference
 from tactilevision.records.measured import Bytes, Pair
@@ -58,8 +58,8 @@ def objects_of(name: str) -> list[Bytes]:
 def circles(change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair) -> list[Ball | None]:
     """The balls by the light of each other, as a calibration finds them; `labelled_circles` says why."""
     rng = np.random.default_rng(0)
-    alone = collect_balls(change, pictures, mm_per_px, rng)
-    return list(refine_balls(alone, change, pictures, mm_per_px, rng).balls)
+    search = BallSearch(change, pictures, mm_per_px, rng)
+    return list(search.refine(search.collect()).balls)
 
 
 def _rectified(path: Path) -> Bytes:

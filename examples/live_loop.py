@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 from tactilevision import BadFrame, Stream, build_reconstructor, iter_frames, read_recording
 
@@ -28,6 +29,7 @@ def main() -> None:
     stream = Stream(build_reconstructor(recording), recording.indenters["A1"])
     names: list[str] = []
     peaks_mm: list[float] = []
+    latencies_ms: list[float] = []
     for frame in islice(iter_frames(recording), 40):
         if isinstance(frame, BadFrame):
             print(f"{frame.name}: passed over, {frame.why}")
@@ -35,11 +37,12 @@ def main() -> None:
         seen = stream.take(frame)
         names.append(frame.name)
         peaks_mm.append(seen.peak_mm)
+        latencies_ms.append(seen.latency_ms)
         place = seen.footprint.centre_mm if seen.footprint else None
         where = f" at ({place[0]:+.2f}, {place[1]:+.2f}) mm" if place else ""
         print(f"{frame.name}: {f'contact, {seen.peak_mm:.3f} mm deep' if seen.contact else 'free'}{where}")
     draw(names, peaks_mm)
-    print("latency in ms: " + ", ".join(f"{count} below {edge:g}" for edge, count in stream.histogram() if count))
+    print(f"latency: {np.median(latencies_ms):.1f} ms, 95 % below {np.percentile(latencies_ms, 95):.1f} ms")
 
 
 if __name__ == "__main__":

@@ -64,6 +64,16 @@ def library(name: str, *, extra: str, where: object) -> Any:
         raise InputError(what, where=where, remedy=f"Install it: {remedy}") from fault
 
 
+def installed_version(package: str) -> str:
+    """Return the version of a package; "" where it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # takes a while to load
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
 class RecordingError(InputError):
     """A file of a recording is missing, damaged, or holds something impossible."""
 

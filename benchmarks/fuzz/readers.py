@@ -24,7 +24,7 @@ from tactilevision.recording.images import read_image
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.recording.read import read_recording
 from tactilevision.records.rig import Gel
-from tactilevision.robots.lerobot_dataset import pictures, read_dataset
+from tactilevision.robots.lerobot_dataset import read_dataset
 from tactilevision.robots.logs import Log
 from tactilevision.robots.messages import WrenchReading, decode_picture, decode_wrench
 
@@ -150,7 +150,7 @@ def _dataset(file: str, form: Form = "bytes") -> Reader:
 
 def _read_dataset(folder: Path) -> Any:
     found = read_dataset(folder, TACTILE)
-    return found.rate_Hz, [row.time_s for row, _ in pictures(found)]
+    return found.rate_Hz, [row.time_s for row, _ in found.pictures()]
 
 
 READERS: dict[str, Reader] = {

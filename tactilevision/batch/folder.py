@@ -9,12 +9,11 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
@@ -35,11 +34,9 @@ TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
 QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
 JOURNAL, SCRATCH = ".depth-journal", ".depth.zarr-unfinished"
-COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
 PEAK_SHARE = 1e-3  # of a map's depths is above its peak
 PEAK_SAMPLED = 31  # step of the depths that are sampled for a lower bound of the peak
 Form = Literal["tiff", "zarr"]
-Array = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +50,9 @@ class FrameResult:
     ms: float = float("nan")
     peak_std_mm: float = float("nan")
     flags: tuple[str, ...] = ()
+
+
+COLUMNS = tuple(part.name for part in fields(FrameResult))
 
 
 @dataclass(frozen=True)
@@ -205,16 +205,7 @@ def peak_mm(height: HeightMap) -> float:
     above = PEAK_SHARE * (len(depth) - 1)  # number of depths above the percentile
     if len(deepest) < above + 2:
         return float(np.percentile(depth, 100 * (1 - PEAK_SHARE)))
-    return _at_share(np.sort(deepest), 1 - above / (len(deepest) - 1))
-
-
-def _at_share(ordered: Array, share: float) -> float:
-    """Return np.percentile of sorted values (n,), to the last bit, without its checks."""
-    place = (len(ordered) - 1) * (100 * share / 100)
-    below = int(place)
-    low, step = ordered[below], ordered[below + 1] - ordered[below]
-    part = place - below
-    return float(low + step * part if part < 0.5 else ordered[below + 1] - step * (1 - part))
+    return float(np.percentile(deepest, 100 * (1 - above / (len(deepest) - 1))))
 
 
 def std_at(height: HeightMap, depth_mm: float) -> float:

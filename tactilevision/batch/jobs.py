@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -246,26 +246,19 @@ def _results(
             journal.add(result)
             yield result
         return
-    with _start_pool(recording, job, journal, count=count, cluster=cluster) as tasks:
+    with ExitStack() as stack:
+        if cluster is None:
+            local = stack.enter_context(worker_pool(count, _start_worker, recording, job, journal))
+            tasks = _Tasks(local, recording, job, lambda: count)
+        else:
+            frames_path = recording.frames_path and recording.frames_path.absolute()
+            recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
+            remote = stack.enter_context(cluster_pool(cluster, _start_worker, recording, job, None))
+            tasks = _Tasks(remote, recording, job, lambda: remote.width)
         for result in tasks.results(left):
             if cluster is not None:
                 journal.add(result)
             yield result
-
-
-@contextmanager
-def _start_pool(
-    recording: Recording, job: Job[R], journal: Journal, *, count: int, cluster: str | None
-) -> Iterator[_Tasks[R]]:
-    """Start `count` processes here, or connect to a cluster."""
-    if cluster is None:
-        with worker_pool(count, _start_worker, recording, job, journal) as local:
-            yield _Tasks(local, recording, job, lambda: count)
-        return
-    frames_path = recording.frames_path and recording.frames_path.absolute()
-    recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
-    with cluster_pool(cluster, _start_worker, recording, job, None) as remote:
-        yield _Tasks(remote, recording, job, lambda: remote.width)
 
 
 @dataclass

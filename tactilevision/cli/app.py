@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from tactilevision.errors import installed_version
 from tactilevision.files.runs import output_lock
 
 COMMANDS = {  # module, function, option that names the results to be locked, summary
@@ -89,10 +89,7 @@ app = typer.Typer(
 def show_version(wanted: bool) -> None:
     """Print the version and stop."""
     if wanted:
-        try:
-            typer.echo(f"tactilevision {version('tactilevision')}")
-        except PackageNotFoundError:
-            typer.echo("tactilevision (not installed)")
+        typer.echo(f"tactilevision {installed_version('tactilevision') or '(not installed)'}")
         raise typer.Exit
 
 

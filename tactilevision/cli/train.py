@@ -104,7 +104,7 @@ def _trained(source: Recording, made: Reconstructor, licence: str) -> Calibrated
     if kept.walls is not None:
         known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
-    return kept.with_card(kept.card.extended(known | provenance(data, licence=licence)))
+    return replace(kept, card=kept.card.extended(known | provenance(data, licence=licence)))
 
 
 def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:

@@ -6,11 +6,10 @@ import asyncio
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import ClusterError
+from tactilevision.errors import ClusterError, installed_version
 from tactilevision.files.documents import read_json
 
 # Versions that determine a result's digits and must be equal on all machines.
@@ -21,7 +20,7 @@ MISSING = "none"
 
 def versions() -> dict[str, str]:
     """Return the versions of this process."""
-    return {name: _version(name) for name in PACKAGES}
+    return {name: installed_version(name) or MISSING for name in PACKAGES}
 
 
 def refusal(here: dict[str, str], there: dict[str, str]) -> ClusterError | None:
@@ -35,13 +34,6 @@ def refusal(here: dict[str, str], there: dict[str, str]) -> ClusterError | None:
                 remedy=f"Install {name} {here[name]} on every worker, and start the workers again.",
             )
     return None
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return MISSING
 
 
 # Connection to a running scheduler, checked before anything is written.

@@ -117,12 +117,9 @@ class ClusterPool(Executor):
                     self._settle(ticket)
             if time.monotonic() - swept > SWEEP_S:
                 swept = time.monotonic()
-                self._sweep()
-
-    def _sweep(self) -> None:
-        with self._lock:
-            if any(_is_lost(ticket) for ticket in self._tickets):
-                self._bring_back()
+                with self._lock:
+                    if any(_is_lost(ticket) for ticket in self._tickets):
+                        self._bring_back()
 
     def _settle(self, ticket: _Ticket) -> None:
         """Deliver the outcome of a task; a lost one waits for the sweep."""

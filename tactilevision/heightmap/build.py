@@ -158,12 +158,12 @@ def tuned(
     settled = subtract_background(replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
         waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
-        settled = settled.with_card(replace(card, untouched_depth_rms_mm=waves_mm))
+        settled = replace(settled, card=replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
         flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
-        settled = settled.with_card(replace(settled.card, untouched_std_mm=std_mm))
+        settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
     light = measured_light(
         settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
     )
@@ -173,7 +173,7 @@ def tuned(
         lambda rgb: reader.read_rectified(rgb).residuals, [*(picture.rgb for picture in pictures), *free]
     )
     terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
-    settled = settled.with_card(replace(settled.card, baseline=usual, depth_terms_mm=terms))
+    settled = replace(settled, card=replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
 
 

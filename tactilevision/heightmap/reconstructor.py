@@ -133,7 +133,7 @@ class Reconstructor:
         """Return a copy whose reference may `follow` the gel while this one stays."""
         if self.referenced is None or self.match is None:
             return self
-        method = self.referenced.with_card(self.referenced.card)
+        method = replace(self.referenced)
         return self.varied(method=method, match=replace(self.match, method=method))
 
     # What only sensor and method determine, made once.

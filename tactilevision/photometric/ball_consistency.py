@@ -1,18 +1,21 @@
-"""Check the consistency of ball presses: stated radii, outliers, and contact in the reference."""
+"""Check ball presses: stated radii, outliers, lights, places, and contact in the reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import Observability
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.cross_validation import FOLDS, BallFit, beyond_others, gains_of
+from tactilevision.photometric.cross_validation import FOLDS, SLOPE_SOFTENING, BallFit, beyond_others, gains_of
 from tactilevision.photometric.drift import solid
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bytes, Floats, Pair
@@ -42,9 +45,54 @@ MAX_SUSPECTS = 5  # balls that `outlier_among` examines, each for the time of fo
 MAX_NAMED = 3  # balls named in warnings
 MIN_GAIN = 1e-3  # of the depth scale at a ball, which keeps its logarithm finite
 MIN_NAMED_SHARE = 0.1  # of the expected slopes, least (or inverse) value that is reported
+MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
+MAX_EVEN_NOISE = 0.04  # the same, alike in all directions: noisy pure colours .033, a fifth as coloured .042
+MAX_NOISE_RATIO = 4  # worst over best direction: real 1.8 to 2.7, a tenth as coloured 4.6
+MAX_GAP_DEG = 200  # degrees between the sides of colours: five real sensors leave 131 to 184, two lamps 250
 
 
 GainsWithout = Callable[[Sequence[int], Mapping[int, float]], Mapping[int, float]]
+
+
+def ball_warnings(
+    best: BallFit,
+    balls: Sequence[Ball | None],
+    pictures: Sequence[BallPicture],
+    *,
+    cover: Floats,
+    light: Observability,
+    contact_px: Pair | None,
+    unsure: Mapping[int, float],
+) -> list[str]:
+    """Return what is wrong with the balls of a fit: labels, scale, places, lights, radii, single outliers.
+
+    `cover` (2,) as of `coverage_warnings`, `unsure` as of `odd_balls`. A contact in the reference, `contact_px`,
+    explains all but the labels.
+    """
+    labels = label_warnings([(one.centre_px, one.contact_radius_px) for one in pictures], balls)
+    if contact_px is not None:
+        x, y = contact_px
+        said = (
+            f"all ball pictures differ alike from the reference near ({x:.0f}, {y:.0f}) px: a contact in the "
+            "reference. Take a picture of the untouched gel for reference/flat; if all balls were pressed there, "
+            "press them elsewhere as well"
+        )
+        return [*labels, said]
+    contact = best.contact
+    radii_mm = {number: ball.radius_mm for number in map(int, np.unique(contact.press)) if (ball := balls[number])}
+
+    def gains_without(group: Sequence[int], steeper: Mapping[int, float]) -> dict[int, float]:
+        return replace(best, contact=contact.steepened(steeper)).gains_without(np.array(group))
+
+    names, search = [one.name for one in pictures], partial(outlier_among, best)
+    return [
+        *labels,
+        *scale_warnings(contact.change, contact.slopes),
+        *coverage_warnings(cover),
+        *observability_warnings(light),
+        *contradicting_radii(radii_mm, gains_without),
+        *odd_balls(best.gains, balls, names=names, unsure=unsure, outlier_among=search),
+    ]
 
 
 def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
@@ -140,18 +188,6 @@ def odd_balls(
     return warnings
 
 
-def reference_warnings(contact_px: Pair | None) -> list[str]:
-    """Return a warning of a contact in the reference, `contact_px` (x, y)."""
-    if contact_px is None:
-        return []
-    x, y = contact_px
-    return [
-        f"all ball pictures differ alike from the reference near ({x:.0f}, {y:.0f}) px: a contact in the "
-        "reference. Take a picture of the untouched gel for reference/flat; if all balls were pressed there, "
-        "press them elsewhere as well"
-    ]
-
-
 def scale_warnings(change: Floats, slopes: Floats) -> list[str]:
     """Return a warning where the `change` (N, 3) of colours per slope (N, 2) exceeds that of any lamp.
 
@@ -197,6 +233,31 @@ def coverage_warnings(cover: Floats) -> list[str]:
     ]
 
 
+def observability_warnings(light: Observability) -> list[str]:
+    """Return a warning where a direction of slope is lost in noise, or no colour lights one side."""
+    uneven = light.worst > MAX_NOISE_RATIO * light.best
+    worst = f"{light.worst:.2g} along {light.worst_deg:.0f} degrees (from x, right, to y, down)"
+    if light.worst < (MAX_SLOPE_NOISE if uneven else MAX_EVEN_NOISE):
+        if light.gap_deg < MAX_GAP_DEG:
+            return []
+        return [
+            f"no colour lights the gel from a side {light.gap_deg:.0f} degrees wide, about {light.dark_deg:.0f} "
+            "degrees (from x, right, to y, down): two lamps? The error of slopes is larger. Light that side in a "
+            "third colour"
+        ]
+    if not uneven and light.worst < SLOPE_SOFTENING:
+        return [
+            f"these lights show slopes faintly: one of {worst}, of {light.best:.2g} across it, changes the "
+            "colours by a pixel's noise. Depth is too shallow. Are the lamps' colours nearly alike? Light each "
+            "side in a pure colour"
+        ]
+    return [
+        f"these lights hardly show slopes of one direction: one of {worst} changes the colours by a pixel's "
+        f"noise, across it {light.best:.2g} does. Do lamps of one colour face each other, or are all of one "
+        "colour? Light each side in a colour of its own"
+    ]
+
+
 # One outlier among few balls, which biases the law that it is judged by. For each suspect
 #
 #     z = (ln g - ln m) / (s^2 + u^2 + (r d)^2)^(1/2)
@@ -229,7 +290,7 @@ def _significance(number: int, of: BallFit) -> tuple[float, float]:
     others = replace(of, contact=of.contact.where(~suspect), resting=resting)
     laws = others.law, *others.others
     scale, *parts = _ln([gains_of(one.at(ball.change, ball.place), ball)[number] for one in laws]).tolist()
-    usual = _ln([*gains_of(others.held_out, others.contact).values()])
+    usual = _ln([*others.gains.values()])
     off = scale - float(np.median(usual))
     if abs(off) > MAX_OFF:
         return 0.0, 0.0

@@ -43,6 +43,8 @@ SCALE_REMEDY = (
 )
 MIN_USABLE = 0.5  # of the window: with less, one whole side of the slopes is missing
 
+Circle = tuple[float, float, float]  # centre x, y and contact radius, px
+
 
 @dataclass(frozen=True, slots=True)
 class Ball:
@@ -95,9 +97,9 @@ def find_ball(
     start. If the residual exceeds MAX_RESIDUAL, a second fit scales all colours to equal size, and the better one
     is kept. Raises InputError where there is no contact, or none that a ball of `radius_mm` could make.
     """
-    most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
+    most_px, search = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0], _Search(change, mm_per_px, radius_mm, usable)
 
-    def refined(guess: tuple[float, float, float]) -> Ball:
+    def refined(guess: Circle) -> Ball:
         (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
         _check_size(
             radius,
@@ -105,11 +107,10 @@ def find_ball(
             stated=f"ball_radius_mm = {radius_mm:g}, mm_per_px = {mm_per_px[0]:.3g}",
         )
         start = x, y, min(radius, most_px)
-        ball = _fitted(change, mm_per_px, radius_mm=radius_mm, start=start, usable=usable)
-        if ball.contact_radius_px <= most_px:
-            return ball
-        limit_px = min(most_px, MAX_GROWTH * start[2])
-        return _fitted(change, mm_per_px, radius_mm=radius_mm, start=start, usable=usable, most_px=limit_px)
+        ball = search.fit(start)
+        if ball.contact_radius_px > most_px:
+            ball = search.fit(start, min(most_px, MAX_GROWTH * start[2]))
+        return ball
 
     ball = refined(first_guess(change, usable))
     if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
@@ -139,7 +140,7 @@ def _check_size(contact_px: float, ball_px: float, *, stated: str) -> None:
     raise InputError(what, where="ball press", value=stated, remedy=remedy)
 
 
-def first_guess(change: Array, usable: Bools | None = None) -> tuple[float, float, float]:
+def first_guess(change: Array, usable: Bools | None = None) -> Circle:
     """Return centre x, y and radius (px) of the largest blob of `change` (H, W, 3) above the noise."""
     from skimage.measure import label, regionprops
 
@@ -163,98 +164,86 @@ def first_guess(change: Array, usable: Bools | None = None) -> tuple[float, floa
     return float(x), float(y), float(np.sqrt(best.area / np.pi))
 
 
-def _fitted(
-    change: Array,
-    mm_per_px: Pair,
-    *,
-    radius_mm: float,
-    start: tuple[float, float, float],
-    usable: Bools | None,
-    most_px: float = np.inf,
-) -> Ball:
-    """Fit centre and contact radius, at most `most_px`, in a window that follows the circle until it stays.
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """Search for the contact of a ball of `radius_mm` in `change` (H, W, 3), in the mask `usable` (H, W)."""
 
-    A wide window shows gel that slopes as no half-space does, and enlarges the circle.
-    """
-    for _ in range(MAX_WINDOWS):
-        window = _window(change, mm_per_px, start, usable)
-        ball = _fitted_in_window(*window, mm_per_px=mm_per_px, radius_mm=radius_mm, start=start, most_px=most_px)
-        moved = np.hypot(*np.subtract(ball.centre_px, start[:2])), ball.contact_radius_px - start[2]
-        if np.abs(moved).max() < WINDOW_TOL * start[2]:
-            break
-        start = (*ball.centre_px, ball.contact_radius_px)
-    return ball
+    change: Array
+    mm_per_px: Pair
+    radius_mm: float
+    usable: Bools | None
 
+    def fit(self, start: Circle, most_px: float = np.inf) -> Ball:
+        """Fit centre and contact radius, at most `most_px`, in a window that follows the circle until it stays.
 
-def _fitted_in_window(
-    changes: Floats,
-    x_mm: Floats,
-    y_mm: Floats,
-    *,
-    mm_per_px: Pair,
-    radius_mm: float,
-    start: tuple[float, float, float],
-    most_px: float,
-) -> Ball:
-    """Fit centre and contact radius to changes (N, 3) by damped Gauss-Newton steps."""
-    pixel_mm, contact_mm = mm_per_px[0], start[2] * mm_per_px[0]
-    lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
-    highest = np.array([contact_mm, contact_mm, min(MAX_SLOPING_SHARE * radius_mm, most_px * pixel_mm)])
-
-    def misfit(unknown: Floats) -> Floats:
-        x, y, contact = x_mm - unknown[0], y_mm - unknown[1], unknown[2]
-        slopes = ball_slopes(x, y, contact_mm=contact, radius_mm=radius_mm, pixel_mm=pixel_mm)
-        return _unexplained(changes, *slopes)
-
-    unknown = np.array([0.0, 0.0, min(contact_mm, MAX_RADIUS_SHARE * highest[2])])
-    residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
-    for _ in range(MAX_ITERATIONS):
-        slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
-        normal = slope.T @ slope
-        if not normal.any():
-            raise InputError(
-                "no colour that is known changes with the slopes of a ball",
-                where="ball press",
-                value=f"a contact at ({start[0]:.0f}, {start[1]:.0f}) px",
-                remedy="Leave the frame out of reference/ball, or check its place in ball.csv.",
-            )
-        held = damping * np.maximum(np.diag(normal), TINY)
-        move = -np.linalg.solve(normal + np.diag(held), slope.T @ residual)
-        trial = np.clip(unknown + move, lowest, highest)
-        after = misfit(trial)
-        if after @ after < residual @ residual:
-            unknown, residual, damping = trial, after, 0.3 * damping
-            if np.abs(move).max() < STEP_TOL * contact_mm:
+        A wide window shows gel that slopes as no half-space does, and enlarges the circle.
+        """
+        for _ in range(MAX_WINDOWS):
+            ball = self._fit_in_window(start, most_px)
+            moved = np.hypot(*np.subtract(ball.centre_px, start[:2])), ball.contact_radius_px - start[2]
+            if np.abs(moved).max() < WINDOW_TOL * start[2]:
                 break
-        else:
-            damping *= 10
-    centre = (start[0] + unknown[0] / mm_per_px[0], start[1] + unknown[1] / mm_per_px[1])
-    share = np.sqrt(np.mean(residual**2) / np.mean(np.nan_to_num(changes) ** 2))
-    return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / pixel_mm), radius_mm, float(share))
+            start = (*ball.centre_px, ball.contact_radius_px)
+        return ball
 
+    def _fit_in_window(self, start: Circle, most_px: float) -> Ball:
+        """Fit centre and contact radius by damped Gauss-Newton steps."""
+        changes, x_mm, y_mm = self._window(start)
+        radius_mm, pixel_mm, contact_mm = self.radius_mm, self.mm_per_px[0], start[2] * self.mm_per_px[0]
+        lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
+        highest = np.array([contact_mm, contact_mm, min(MAX_SLOPING_SHARE * radius_mm, most_px * pixel_mm)])
 
-def _window(
-    change: Array, mm_per_px: Pair, start: tuple[float, float, float], usable: Bools | None
-) -> tuple[Floats, Floats, Floats]:
-    """Return changes (N, 3) and places x, y (N,) from the start's centre in mm, of pixels within WINDOW radii."""
-    height, width = change.shape[:2]
-    reach = WINDOW * start[2]
-    reach_y = reach * mm_per_px[0] / mm_per_px[1]
-    step = max(1, int(np.sqrt(np.pi * reach * reach_y / MAX_PIXELS)))
-    rows = np.arange(max(0, int(start[1] - reach_y)), min(height, int(start[1] + reach_y) + 1), step)
-    columns = np.arange(max(0, int(start[0] - reach)), min(width, int(start[0] + reach) + 1), step)
-    y, x = np.meshgrid((rows - start[1]) * mm_per_px[1], (columns - start[0]) * mm_per_px[0], indexing="ij")
-    take = np.hypot(x, y) <= reach * mm_per_px[0]
-    if usable is not None:
-        pixels, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
-        if take.sum() < MIN_USABLE * pixels:
-            raise InputError(
-                "the ball was pressed where the light is saturated or too dark",
-                where="ball press",
-                value=f"{100 * take.sum() / max(pixels, 1):.0f} % of its place is usable",
-                remedy="Press it elsewhere, or dim the light.",
-            )
-    return np.asarray(change[np.ix_(rows, columns)][take], np.float64), x[take], y[take]
+        def misfit(unknown: Floats) -> Floats:
+            x, y, contact = x_mm - unknown[0], y_mm - unknown[1], unknown[2]
+            slopes = ball_slopes(x, y, contact_mm=contact, radius_mm=radius_mm, pixel_mm=pixel_mm)
+            return _unexplained(changes, *slopes)
+
+        unknown = np.array([0.0, 0.0, min(contact_mm, MAX_RADIUS_SHARE * highest[2])])
+        residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
+        for _ in range(MAX_ITERATIONS):
+            slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
+            normal = slope.T @ slope
+            if not normal.any():
+                raise InputError(
+                    "no colour that is known changes with the slopes of a ball",
+                    where="ball press",
+                    value=f"a contact at ({start[0]:.0f}, {start[1]:.0f}) px",
+                    remedy="Leave the frame out of reference/ball, or check its place in ball.csv.",
+                )
+            held = damping * np.maximum(np.diag(normal), TINY)
+            move = -np.linalg.solve(normal + np.diag(held), slope.T @ residual)
+            trial = np.clip(unknown + move, lowest, highest)
+            after = misfit(trial)
+            if after @ after < residual @ residual:
+                unknown, residual, damping = trial, after, 0.3 * damping
+                if np.abs(move).max() < STEP_TOL * contact_mm:
+                    break
+            else:
+                damping *= 10
+        centre = (start[0] + unknown[0] / pixel_mm, start[1] + unknown[1] / self.mm_per_px[1])
+        share = np.sqrt(np.mean(residual**2) / np.mean(np.nan_to_num(changes) ** 2))
+        return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / pixel_mm), radius_mm, float(share))
+
+    def _window(self, start: Circle) -> tuple[Floats, Floats, Floats]:
+        """Return changes (N, 3) and places x, y (N,) from the start in mm, of pixels within WINDOW radii."""
+        (height, width), (x_scale, y_scale) = self.change.shape[:2], self.mm_per_px
+        reach = WINDOW * start[2]
+        reach_y = reach * x_scale / y_scale
+        step = max(1, int(np.sqrt(np.pi * reach * reach_y / MAX_PIXELS)))
+        rows = np.arange(max(0, int(start[1] - reach_y)), min(height, int(start[1] + reach_y) + 1), step)
+        columns = np.arange(max(0, int(start[0] - reach)), min(width, int(start[0] + reach) + 1), step)
+        y, x = np.meshgrid((rows - start[1]) * y_scale, (columns - start[0]) * x_scale, indexing="ij")
+        take = np.hypot(x, y) <= reach * x_scale
+        if self.usable is not None:
+            pixels, take = int(take.sum()), take & self.usable[np.ix_(rows, columns)]
+            if take.sum() < MIN_USABLE * pixels:
+                raise InputError(
+                    "the ball was pressed where the light is saturated or too dark",
+                    where="ball press",
+                    value=f"{100 * take.sum() / max(pixels, 1):.0f} % of its place is usable",
+                    remedy="Press it elsewhere, or dim the light.",
+                )
+        return np.asarray(self.change[np.ix_(rows, columns)][take], np.float64), x[take], y[take]
 
 
 def _unexplained(changes: Floats, p: Floats, q: Floats) -> Floats:

@@ -19,7 +19,6 @@ from tactilevision.photometric.ball_samples import (
     join,
     places_of,
     resting_samples,
-    with_noise,
     with_same_colours,
 )
 from tactilevision.photometric.colour_change import ColourChange
@@ -150,72 +149,84 @@ class FoundBalls:
 Finder = Callable[[int, Picture, Bools], Ball | None]  # of the number of a picture, its changes and their validity
 
 
-def collect_balls(
-    change: ColourChange,
-    pictures: Sequence[BallPicture],
-    mm_per_px: Pair,
-    rng: np.random.Generator,
-    *,
-    find: Finder | None = None,
-) -> FoundBalls:
-    """Return the balls by `find`, or by `locate`. Raises InputError for too few, with the faults of the others."""
-    balls: list[Ball | None] = []
-    faults: list[tuple[str, InputError]] = []
-    contact: list[Samples] = []
-    resting: list[Samples] = []
-    marks = change.reference.marks
+@dataclass(frozen=True, slots=True)
+class BallSearch:
+    """Search for the balls of all `pictures`; `rng` draws the samples."""
 
-    def share(samples: int) -> int:
-        return max(100, samples // max(1, len(pictures)))
+    change: ColourChange
+    pictures: Sequence[BallPicture]
+    mm_per_px: Pair
+    rng: np.random.Generator
 
-    for number, picture in enumerate(pictures):
-        try:
-            changes, _, valid = change.measure_known(picture.rgb)
-            if marks is not None:
-                valid = valid & (marked(picture.rgb, marks) == 0)  # filled pixels are no samples
-            if find is None:
-                ball: Ball | None = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
-            else:
-                ball = find(number, changes, valid)
-        except InputError as fault:
-            faults.append((picture.name or f"ball {number + 1}", fault))
-            ball = None
-        balls.append(ball)
-        if ball is None:
-            continue
-        for parts, draw, most in ((contact, ball_samples, CONTACT), (resting, resting_samples, RESTING)):
-            parts.append(
-                draw(changes, ball, mm_per_px=mm_per_px, number=number, most=share(most), valid=valid, rng=rng)
-            )
-    check_count(len(contact), len(pictures), faults)
-    warnings = tuple(f"{name} excluded: {fault.what}" for name, fault in faults)
-    every = with_noise(join(contact), change.noise), with_noise(join(resting), change.noise)
-    return FoundBalls(tuple(balls), warnings, every)
+    def collect(self, find: Finder | None = None) -> FoundBalls:
+        """Return the balls by `find`, or by `locate`.
 
+        Raises InputError for too few, with the faults of the others.
+        """
+        balls, faults = list[Ball | None](), list[tuple[str, InputError]]()
+        contact, resting = list[Samples](), list[Samples]()
+        marks, scale, rng = self.change.reference.marks, self.mm_per_px, self.rng
+        for number, picture in enumerate(self.pictures):
+            try:
+                changes, _, valid = self.change.measure_known(picture.rgb)
+                if marks is not None:
+                    valid = valid & (marked(picture.rgb, marks) == 0)  # filled pixels are no samples
+                if find is None:
+                    ball: Ball | None = locate(changes, valid, picture=picture, mm_per_px=scale)
+                else:
+                    ball = find(number, changes, valid)
+            except InputError as fault:
+                faults.append((picture.name or f"ball {number + 1}", fault))
+                ball = None
+            balls.append(ball)
+            if ball is None:
+                continue
+            for parts, draw, most in ((contact, ball_samples, CONTACT), (resting, resting_samples, RESTING)):
+                few = max(100, most // len(self.pictures))
+                parts.append(draw(changes, ball, mm_per_px=scale, number=number, most=few, valid=valid, rng=rng))
+        check_count(len(contact), len(self.pictures), faults)
+        warnings = tuple(f"{name} excluded: {fault.what}" for name, fault in faults)
+        every = join(contact).with_noise(self.change.noise), join(resting).with_noise(self.change.noise)
+        return FoundBalls(tuple(balls), warnings, every)
 
-def refine_balls(
-    alone: FoundBalls,
-    change: ColourChange,
-    pictures: Sequence[BallPicture],
-    mm_per_px: Pair,
-    rng: np.random.Generator,
-) -> FoundBalls:
-    """Return the balls with circles refined by the light of the others, if held-out errors are smaller then.
+    def refine(self, alone: FoundBalls) -> FoundBalls:
+        """Return the balls with circles refined by the light of the others, if held-out errors are smaller then.
 
-    Where the median contact radius changes by nearly RADIUS_CHANGE from that found `alone`, radii are held.
-    """
-    if alone.count < MIN_REFINED:
-        return alone
-    for shares in ((1 - RADIUS_CHANGE, 1 + RADIUS_CHANGE), (1 - HELD_CHANGE, 1 + HELD_CHANGE)):
-        seen = alone
-        for _ in range(REFINEMENTS):
-            last, find = seen, _by_light(seen, alone.balls, shares, mm_per_px)
-            seen = collect_balls(change, pictures, mm_per_px, rng, find=find)
-            if _moved_px(seen.balls, last.balls) < SETTLED_PX:
+        Where the median contact radius changes by nearly RADIUS_CHANGE from that found `alone`, radii are held.
+        """
+        if alone.count < MIN_REFINED:
+            return alone
+        for shares in ((1 - RADIUS_CHANGE, 1 + RADIUS_CHANGE), (1 - HELD_CHANGE, 1 + HELD_CHANGE)):
+            seen = alone
+            for _ in range(REFINEMENTS):
+                last, find = seen, self._by_light(seen, alone.balls, shares)
+                seen = self.collect(find)
+                if _moved_px(seen.balls, last.balls) < SETTLED_PX:
+                    break
+            if shares[0] + HELD_CHANGE < _radius_change(seen.balls, alone.balls) < shares[1] - HELD_CHANGE:
                 break
-        if shares[0] + HELD_CHANGE < _radius_change(seen.balls, alone.balls) < shares[1] - HELD_CHANGE:
-            break
-    return replace(seen, warnings=alone.warnings) if _held_out_error(seen) < _held_out_error(alone) else alone
+        return replace(seen, warnings=alone.warnings) if _held_out_error(seen) < _held_out_error(alone) else alone
+
+    def _by_light(self, seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair) -> Finder:
+        pressed, scale = with_same_colours(*seen.every, min_balls=MIN_BALLS)[0], self.mm_per_px
+        lights = {
+            int(number): light
+            for group in groups_of(pressed)
+            for light in [fit_light(pressed.where(~np.isin(pressed.press, group)), PLACE_PENALTIES[1])]
+            for number in group
+        }
+
+        def find(number: int, changes: Picture, valid: Bools) -> Ball | None:
+            ball, first = seen.balls[number], alone[number]
+            if ball is None or first is None or number not in lights:
+                return ball
+            radius_px = shares[0] * first.contact_radius_px, shares[1] * first.contact_radius_px
+            light = lights[number]
+            found = refined_circle(changes, valid, ball, light=light, mm_per_px=scale, radius_px=radius_px)
+            moved_px = np.hypot(*np.subtract(found.centre_px, first.centre_px))
+            return found if moved_px < MAX_MOVE * first.contact_radius_px else first
+
+        return find
 
 
 def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> float:
@@ -234,28 +245,6 @@ def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -
         (one, other) for one, other in zip(balls, alone, strict=True) if one is not None and other is not None
     ]
     return float(np.median([one.contact_radius_px / other.contact_radius_px for one, other in pairs]))
-
-
-def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_per_px: Pair) -> Finder:
-    pressed = with_same_colours(*seen.every, min_balls=MIN_BALLS)[0]
-    lights = {
-        int(number): light
-        for group in groups_of(pressed)
-        for light in [fit_light(pressed.where(~np.isin(pressed.press, group)), PLACE_PENALTIES[1])]
-        for number in group
-    }
-
-    def find(number: int, changes: Picture, valid: Bools) -> Ball | None:
-        ball, first = seen.balls[number], alone[number]
-        if ball is None or first is None or number not in lights:
-            return ball
-        radius_px = shares[0] * first.contact_radius_px, shares[1] * first.contact_radius_px
-        light = lights[number]
-        found = refined_circle(changes, valid, ball, light=light, mm_per_px=mm_per_px, radius_px=radius_px)
-        moved_px = np.hypot(*np.subtract(found.centre_px, first.centre_px))
-        return found if moved_px < MAX_MOVE * first.contact_radius_px else first
-
-    return find
 
 
 def _held_out_error(seen: FoundBalls) -> float:

@@ -58,13 +58,23 @@ class Samples:
         noise = None if kept.noise is None else np.where(others, kept.noise, 0.0)
         return replace(kept, change=np.where(others, kept.change, 0.0), noise=noise)
 
+    def with_noise(self, noise: Picture) -> Samples:
+        """Return the samples with the relative `noise` (3, H, W) of their changes."""
+        return replace(self, noise=self.values_of(noise))
+
+    def values_of(self, pictures: Picture) -> Floats:
+        """Return the values (N, 3) of `pictures` (3, H, W) at the places."""
+        columns, rows = (
+            np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
+            for at, n in zip(self.place.T, pictures.shape[:0:-1], strict=True)
+        )
+        return np.asarray(pictures[:, rows, columns].T, np.float64)
+
 
 def join(parts: Sequence[Samples]) -> Samples:
     """Return the samples of all `parts`, without noise."""
-    change, place, slopes = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("change", "place", "slopes")
-    )
-    return Samples(change, place, slopes, np.concatenate([part.press for part in parts]))
+    names = ("change", "place", "slopes", "press")
+    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def with_same_colours(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
@@ -105,20 +115,6 @@ def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
 def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
     """Return the distance (H, W) from the ball's axis, in contact radii."""
     return from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
-
-
-def with_noise(samples: Samples, noise: Picture) -> Samples:
-    """Return the samples with the relative `noise` (3, H, W) of their changes."""
-    return replace(samples, noise=values_at(samples, noise))
-
-
-def values_at(samples: Samples, pictures: Picture) -> Floats:
-    """Return the values (N, 3) of `pictures` (3, H, W) at the places of samples."""
-    columns, rows = (
-        np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
-        for at, n in zip(samples.place.T, pictures.shape[:0:-1], strict=True)
-    )
-    return np.asarray(pictures[:, rows, columns].T, np.float64)
 
 
 def from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:

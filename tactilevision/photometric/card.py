@@ -10,10 +10,9 @@ import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, installed_version
 from tactilevision.files.opening import number
 from tactilevision.records.measured import Pair
 
@@ -155,12 +154,5 @@ def provenance(data: str, *, licence: str) -> dict[str, Any]:
         "data": data,
         "date": datetime.datetime.now(tz=datetime.UTC).date().isoformat(),
         "licence": licence,
-        "versions": {name: found for name in ("tactilevision", *PACKAGES) if (found := _version(name))},
+        "versions": {name: found for name in ("tactilevision", *PACKAGES) if (found := installed_version(name))},
     }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""

@@ -292,11 +292,6 @@ class ColourChange:
         self.maps.update_scale()
 
     @property
-    def level(self) -> Picture:
-        """The untouched picture (3, H, W), marks filled, that changes refer to."""
-        return self.maps.mean
-
-    @property
     def scale(self) -> Picture:
         """Change (3, H, W) per grey level; 0 for a colour that counts as unchanged."""
         scale = self.maps.scale

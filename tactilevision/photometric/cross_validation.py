@@ -220,6 +220,11 @@ class BallFit:
         return slopes
 
     @cached_property
+    def gains(self) -> dict[int, float]:
+        """Return the relative depth scale at each ball by the law fitted without it."""
+        return gains_of(self.held_out, self.contact)
+
+    @cached_property
     def error(self) -> float:
         """Return the `patch_error` at held-out balls."""
         return patch_error(self.held_out, self.contact)
@@ -234,13 +239,33 @@ class BallFit:
         held = self.contact.where(np.isin(self.contact.press, group))
         return gains_of(self.without(group).at(held.change, held.place), held)
 
+    def light_law(self) -> LightLaw | None:
+        """Fit the shading law to the balls; its error is that at the slopes of held-out balls.
+
+        None where only two colours are known: they leave no residual.
+        """
+        contact = self.contact
+        if not contact.change.any(axis=0).all():
+            return None
+        patch, count = patches_of(contact)
+        off = np.empty_like(contact.change)
+        for group in groups_of(contact):
+            out = np.isin(contact.press, group)
+            light = fit_light(contact.where(~out), PLACE_PENALTIES[1])
+            off[out] = contact.change[out] - colours_of(light, self.held_out[out], place=contact.place[out])
+        misfit, size = (
+            sum(float(np.sum(np.bincount(patch, column) ** 2 / count)) for column in many.T)
+            for many in (off, contact.change)
+        )
+        return LightLaw(fit_light(contact, PLACE_PENALTIES[1]), float(np.sqrt(misfit / size)))
+
 
 def scale_uncertainty(of: BallFit) -> ScaleUncertainty:
     """Return the uncertainty of the depth scale of the law."""
     contact, stated = of.contact, _stated_std(of)
     fitted_std = gain_std(of.law.at(contact.change, contact.place), contact)
     rate = _growth_rate(of, inside_std=fitted_std)
-    gains, outside = gains_of(of.held_out, contact), dict[int, float]()
+    gains, outside = of.gains, dict[int, float]()
     for group in groups_of(contact):
         beyond = beyond_others(contact, group)
         outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
@@ -373,24 +398,3 @@ class LightLaw(Stored):
     share: float
     noise: Picture = field(default_factory=lambda: np.zeros((3, 1, 1), np.float32))
     limit: float = np.inf
-
-
-def fit_light_law(of: BallFit) -> LightLaw | None:
-    """Fit the shading law to the samples of balls; its error is that at the slopes of held-out balls.
-
-    None where only two colours are known: they leave no residual.
-    """
-    contact = of.contact
-    if not contact.change.any(axis=0).all():
-        return None
-    patch, count = patches_of(contact)
-    off = np.empty_like(contact.change)
-    for group in groups_of(contact):
-        out = np.isin(contact.press, group)
-        light = fit_light(contact.where(~out), PLACE_PENALTIES[1])
-        off[out] = contact.change[out] - colours_of(light, of.held_out[out], place=contact.place[out])
-    misfit, size = (
-        sum(float(np.sum(np.bincount(patch, column) ** 2 / count)) for column in many.T)
-        for many in (off, contact.change)
-    )
-    return LightLaw(fit_light(contact, PLACE_PENALTIES[1]), float(np.sqrt(misfit / size)))

@@ -32,7 +32,7 @@ def tile_px_of(reference: Reference) -> int:
     return min(MAX_TILE_PX, max(MIN_TILE_PX, round(min(reference.shape) / TILES)))
 
 
-def means(picture: npt.NDArray[np.generic], px: int, *, out: Picture | None = None) -> Picture:
+def means(picture: npt.NDArray[np.generic], px: int) -> Picture:
     """Return means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n).
 
     Exact for integers; of 8 bits with `px` up to 16.
@@ -43,8 +43,7 @@ def means(picture: npt.NDArray[np.generic], px: int, *, out: Picture | None = No
     size = down.size - (px - 1) * count
     # running sums over all pixels: faster than strided sums
     total = sum((down[k * count :][:size] for k in range(1, px)), down[:size])
-    if out is None:
-        out = np.empty((count, height, width), np.float32)
+    out = np.empty((count, height, width), np.float32)
     share = np.float32(1.0 / px)
     for c, plane in enumerate(out):
         np.multiply(total[c :: px * count].reshape(height, width), share, out=plane)

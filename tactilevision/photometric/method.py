@@ -48,7 +48,7 @@ from tactilevision.photometric.reference import (
 )
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
 from tactilevision.robust import median
 
 DETECTION_SIGMA = 4  # deviations of a pixel's noise; less refines noise, more misses gentle contacts
@@ -128,7 +128,7 @@ class CalibratedMethod:
         background = np.stack([0 * noise, 0 * noise, noise])
         if self.background is not None:
             background = background_over(self.background, self.reference.shape)
-        dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
+        dark = self.evaluate.noise(self.change.scale * darkness(self.change.maps.mean))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
         self.noise_bias = noise_bias(self.evaluate, self.change.noise)
         self.bias: Picture = np.stack(
@@ -149,8 +149,13 @@ class CalibratedMethod:
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         """Return slopes (H, W) of a rectified frame (H, W, 3) uint8. Raises InputError if it cannot be read."""
         reading = self.read(rgb_rectified)
-        slopes = reading.slopes
-        return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy, reading.lost_share))
+        slopes, lost = reading.slopes, reading.lost_share
+        size = np.abs(slopes.dz_dx) + np.abs(slopes.dz_dy)
+        std = np.float32(self.relative_error) * size + self.noise
+        if lost is not None:
+            at, error = lost.window, np.hypot(lost.values, np.float32(self.relative_error))
+            std[at] = error * size[at] + self.noise[at]
+        return replace(slopes, std=std)
 
     def read(self, rgb_rectified: Bytes) -> SlopeReading:
         """The slopes, without their deviation, and what was found on the way."""
@@ -226,18 +231,6 @@ class CalibratedMethod:
             return replace(self, reference=reference)
         error = float(np.hypot(self.relative_error, two.errors[dark]))
         return replace(self, reference=reference, law=two.laws[dark], relative_error=error, light_law=None)
-
-    def with_card(self, card: MethodCard) -> CalibratedMethod:
-        """Return the method with another card."""
-        return replace(self, card=card)
-
-    def _std(self, dz_dx: Array, dz_dy: Array, lost: Patch | None) -> Array:
-        size = np.abs(dz_dx) + np.abs(dz_dy)
-        std = np.float32(self.relative_error) * size + self.noise
-        if lost is not None:
-            at, error = lost.window, np.hypot(lost.values, np.float32(self.relative_error))
-            std[at] = error * size[at] + self.noise[at]
-        return std
 
 
 class TwoColourReader:

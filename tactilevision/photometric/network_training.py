@@ -109,7 +109,10 @@ def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, 
         stack = place(stack)
         pixels = torch.nonzero(stack[:, 5] > 0.999)
         pixels = pixels[torch.randperm(len(pixels))[:most]]
-    return _samples(stack.double().numpy(), pixels.numpy(), box, rgb.shape[:2], number)
+    shot, row, column = pixels.numpy().T
+    values = stack.double().numpy()[shot, :, row, column]
+    place = places_of(column + box[1].start, row + box[0].start, rgb.shape[:2])
+    return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))
 
 
 def fit_network(
@@ -223,12 +226,3 @@ def _around(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[slice,
     x, y = ball.centre_px
     rows = slice(max(0, int(y - reach_y)), min(shape[0], int(y + reach_y) + 1))
     return rows, slice(max(0, int(x - reach)), min(shape[1], int(x + reach) + 1))
-
-
-def _samples(
-    stack: Floats, pixels: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
-) -> Samples:
-    shot, row, column = pixels.T
-    values = stack[shot, :, row, column]
-    place = places_of(column + box[1].start, row + box[0].start, shape)
-    return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))

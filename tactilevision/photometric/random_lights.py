@@ -6,7 +6,8 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tactilevision.photometric.network_training import one_core
 from tactilevision.photometric.reference import MIN_SIGNAL, SATURATED
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Pair
+from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
     import torch
@@ -35,7 +37,7 @@ Triple = tuple[float, float, float]
 class LightKind:
     """Bounds of uniform distributions; triples are of the red, green and blue lamp."""
 
-    size_mm: Pair  # of the picture
+    kind: str  # of sensor
     azimuth_deg: Triple
     azimuth_std_deg: float  # truncated at two standard deviations
     nearest_mm: Triple  # distance of a lamp from the middle
@@ -53,13 +55,19 @@ class LightKind:
     bulge: float  # slope of the untouched gel at the border, at most
     soft_edge: Pair = (0.01, 0.08)  # of attached shadows
     gamma: Pair = (1.0, 2.0)  # of the camera
-    upright_mm: Pair = (1, 4)  # height of a lamp, which sets its penumbrae
+
+    @property
+    def size_mm(self) -> Pair:
+        """Size of the rectified picture, to a tenth of a mm."""
+        sensor = SENSORS[self.kind]
+        return round(sensor.width_px * sensor.mm_per_px[0], 1), round(sensor.height_px * sensor.mm_per_px[1], 1)
 
 
+UPRIGHT_MM = (1, 4)  # height of a lamp, which sets its penumbrae
 DIGIT_LEAK = (0.05, 0.25)  # share of a lamp in another colour
-LIGHT_KINDS = {
-    "gelslim3": LightKind(
-        size_mm=(27.1, 20.3),
+_KINDS = (
+    LightKind(
+        "gelslim3",
         azimuth_deg=(-54, 179, 60),
         azimuth_std_deg=6,
         nearest_mm=(20, 38, 32),
@@ -78,8 +86,8 @@ LIGHT_KINDS = {
         soft_edge=(0.005, 0.02),
         gamma=(1.5, 2.4),
     ),
-    "gelsight_mini": LightKind(
-        size_mm=(20.3, 15.2),
+    LightKind(
+        "gelsight_mini",
         azimuth_deg=(97, -1, -97),
         azimuth_std_deg=6,
         nearest_mm=(50, 45, 45),
@@ -98,8 +106,8 @@ LIGHT_KINDS = {
         soft_edge=(0.05, 0.1),
         gamma=(1.3, 2.1),
     ),
-    "digit": LightKind(
-        size_mm=(15.4, 19.2),
+    LightKind(
+        "digit",
         azimuth_deg=(45, 152, -76),
         azimuth_std_deg=12,
         nearest_mm=(18, 18, 18),
@@ -116,7 +124,8 @@ LIGHT_KINDS = {
         stray=0.1,
         bulge=0.15,
     ),
-}
+)
+LIGHT_KINDS = {light.kind: light for light in _KINDS}
 
 
 # Random lights of a kind of sensor, and the appearance of gel of any slope under them, in torch.
@@ -162,13 +171,13 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     """Return `count` sets of lights and cameras. Kornia uses torch's global generator: seed that as well."""
     import torch
 
-    def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
-        return low + (high - low) * torch.rand(*shape, generator=rng)
-
+    uniform = partial(_uniform, rng)
     turned = kind.azimuth_std_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2)
     azimuth = torch.deg2rad(torch.tensor(kind.azimuth_deg) + turned)
-    far = _between(kind.nearest_mm, kind.farthest_mm, uniform(0.0, 1.0, count, 3))
-    elevation = torch.deg2rad(_between(kind.lowest_deg, kind.highest_deg, uniform(0.0, 1.0, count, 3)))
+    nearest, farthest, lowest, highest = map(
+        torch.tensor, (kind.nearest_mm, kind.farthest_mm, kind.lowest_deg, kind.highest_deg)
+    )
+    far, elevation = uniform(nearest, farthest, count, 3), torch.deg2rad(uniform(lowest, highest, count, 3))
     high = far * torch.tan(elevation)
     towards = torch.stack([torch.cos(azimuth), -torch.sin(azimuth)], -1)
     along = torch.stack([-towards[..., 1], towards[..., 0]], -1)
@@ -198,12 +207,11 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     return dataclasses.replace(exposed, bulge=uniform(-kind.bulge, kind.bulge, count, 2))
 
 
-def _between(low: Triple, high: Triple, share: torch.Tensor) -> torch.Tensor:
-    """Return the values (count, 3) at `share` (count, 3) of the way from the bounds `low` to `high`."""
+def _uniform(rng: torch.Generator, low: Any, high: Any, *shape: int) -> torch.Tensor:
+    """Return uniform random numbers between bounds, numbers or tensors."""
     import torch
 
-    least, most = torch.tensor(low), torch.tensor(high)
-    return least + (most - least) * share
+    return torch.as_tensor(low + (high - low) * torch.rand(*shape, generator=rng))
 
 
 def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKind) -> torch.Tensor:
@@ -377,7 +385,7 @@ def draw_surfaces(count: int, rng: torch.Generator, size_mm: Pair) -> Surfaces:
     import torch
 
     def uniform(bounds: Pair, *shape: int) -> torch.Tensor:
-        return bounds[0] + (bounds[1] - bounds[0]) * torch.rand(count, BODIES, *shape, generator=rng)
+        return _uniform(rng, *bounds, count, BODIES, *shape)
 
     punch, long = (uniform((0.0, 1.0)) < share for share in (PUNCHES, LONG))
     slope = torch.where(punch, uniform(PUNCH_SLOPE), uniform(ROUND_SLOPE))
@@ -459,7 +467,7 @@ def _draw(first: int, rng: torch.Generator, kind: LightKind) -> tuple[Samples, S
 
     scenes, surfaces = draw_scenes(BATCH, rng, kind), draw_surfaces(BATCH, rng, kind.size_mm)
     at = draw_places(surfaces, EACH // BODIES, rng, kind.size_mm)
-    upright = kind.upright_mm[0] + (kind.upright_mm[1] - kind.upright_mm[0]) * torch.rand(BATCH, 1, generator=rng)
+    upright = _uniform(rng, *UPRIGHT_MM, BATCH, 1)
     lit, height, slopes, where = (
         part.reshape(BATCH, EACH, -1)
         for part in (

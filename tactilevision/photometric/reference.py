@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -161,7 +161,9 @@ class Reference:
     @property
     def lit_by_two(self) -> Bools:
         """Mask (H, W) where at least two colours are not overexposed and have enough signal."""
-        return _lit_by_two(self.rgb, self.noise_grey)
+        known = self.rgb < SATURATED
+        signal = np.sqrt(np.sum((known * self.rgb / np.asarray(self.noise_grey, np.float32)) ** 2, axis=2))
+        return np.asarray((known.sum(axis=2) >= 2) & (signal > MIN_SIGNAL))
 
 
 def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Reference:
@@ -185,7 +187,8 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     _check_agreement(stack, noise)
     signal = np.sqrt(np.sum((mean / np.asarray(noise, np.float32)) ** 2, axis=2))
     usable = (mean.max(axis=2) < SATURATED) & (signal > MIN_SIGNAL)
-    if (usable | _lit_by_two(mean, noise)).mean() < 0.3:
+    reference = Reference(mean, noise, usable)
+    if (usable | reference.lit_by_two).mean() < 0.3:
         dark = float(mean.mean()) < 100
         raise InputError(
             "most of the reference is " + ("black" if dark else "saturated"),
@@ -194,8 +197,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
             remedy="Check the lights." if dark else "Shorten the exposure.",
         )
     _check_lit(mean)
-    marks = find_marks(np.rint(mean).astype(np.uint8)) if may_have_marks else None
-    return Reference(mean, noise, usable, marks)
+    return replace(reference, marks=find_marks(np.rint(mean).astype(np.uint8))) if may_have_marks else reference
 
 
 def dark_colour_warning(reference: Reference) -> tuple[str, ...]:
@@ -235,12 +237,6 @@ def _check_lit(mean: Picture) -> None:
             value="grey of 255: " + ", ".join(f"{name} {x:.0f}" for name, x in zip(COLOURS, levels, strict=True)),
             remedy="Check the lights and the exposure. Of 16-bit pictures state the sensor's white_level.",
         )
-
-
-def _lit_by_two(mean: Picture, noise_grey: tuple[float, float, float]) -> Bools:
-    known = mean < SATURATED
-    signal = np.sqrt(np.sum((known * mean / np.asarray(noise_grey, np.float32)) ** 2, axis=2))
-    return np.asarray((known.sum(axis=2) >= 2) & (signal > MIN_SIGNAL))
 
 
 def darkest_grey(noise_grey: tuple[float, float, float]) -> float:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files.arrays import unpack_arrays
 from tactilevision.files.documents import read_json
-from tactilevision.files.opening import check_numbers, read_bytes
+from tactilevision.files.opening import check_numbers, damage, read_bytes
 from tactilevision.files.writing import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.cross_validation import LightLaw
@@ -142,16 +142,9 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
             remedy="Copy both files together, or calibrate again.",
         )
     arrays = unpack_arrays(numbers, where=where)
-    try:
+    remedy = "Copy it again, or calibrate again."
+    with damage(where, what="the arrays of the method are inconsistent", remedy=remedy):
         return _method(card, arrays, network, where)
-    except InputError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
-        raise InputError(
-            f"the arrays of the method are inconsistent: {fault}",
-            where=where,
-            remedy="Copy it again, or calibrate again.",
-        ) from fault
 
 
 def _method(

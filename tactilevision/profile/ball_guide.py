@@ -17,7 +17,7 @@ from tactilevision.files.opening import number
 from tactilevision.heightmap.ball_validation import RIM, dent_mm, unfit_warnings
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.local_page import Answer, LocalPage, page_files
-from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_detection import Ball, Circle
 from tactilevision.photometric.ball_pictures import BallPicture, locate
 from tactilevision.photometric.ball_samples import ball_samples
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
@@ -41,7 +41,6 @@ from tactilevision.sensors.rectification import rectify
 
 MIN_RADIUS_PX = 1.0  # px; a smaller circle is an error
 State = Literal["found", "not found", "drawn", "checked", "excluded"]
-Circle = tuple[float, float, float]  # x, y, radius in px of the rectified frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,7 +281,7 @@ class Session:
         with faults_of_flats(recording):
             reference = make_reference(flats, may_have_marks=may_have_marks(self.sensor))
         self.reference, self.change = reference, ColourChange(reference)
-        self.pictures = [self._read(label) for label in self.labels]
+        self.pictures = [rectify(self.sensor, read_reference(recording, label.path)) for label in self.labels]
         self.outcome: Outcome | None = None
         self._lock, self._fitting = threading.Lock(), threading.Lock()
         for index, label in enumerate(self.labels):
@@ -359,9 +358,6 @@ class Session:
     def _judged(self, index: int) -> PressOutcome | None:
         """Return a press by the last fit."""
         return None if self.outcome is None else self.outcome.presses.get(self.labels[index].frame)
-
-    def _read(self, label: Label) -> Bytes:
-        return rectify(self.sensor, read_reference(self.recording, label.path))
 
     def _found(self, index: int, label: Label) -> Label:
         picture = _ball_picture(label, self.pictures[index])

@@ -24,6 +24,7 @@ from tactilevision.recording.read_tables import point_columns
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bytes, Curve, Floats, ForceSeries
 from tactilevision.records.rig import Press, Sensor
+from tactilevision.sensors.rectification import save_rectification
 
 # Tables. Each function takes the folder. Numbers have 12 digits, large ones (times in s since 1970) all, NaN is an
 # empty cell; empty optional columns are omitted. Files are written atomically.
@@ -164,7 +165,7 @@ def write_recording(recording: Recording) -> None:
     if recording.balls:
         write_balls(folder, recording.balls)
     if recording.sensor.rectification is not None:
-        write_maps(folder, recording.sensor)
+        save_rectification(recording.sensor, folder / MAPS)
     write_settings(recording)
 
 
@@ -185,15 +186,6 @@ def write_settings(recording: Recording) -> None:
         "indenter": {name: asdict(one) | {"name": None} for name, one in recording.indenters.items()},
     }
     write_text(recording.path / layout.SETTINGS, tomli_w.dumps(_known(content)))
-
-
-def write_maps(folder: Path | str, sensor: Sensor) -> None:
-    """Write the sensor's rectification next to recording.toml. Raises InputError if it has none."""
-    if sensor.rectification is None:
-        raise InputError("the sensor has no rectification", where="write_maps", value=sensor.kind)
-    map_x, map_y = sensor.rectification
-    with replacing(Path(folder) / MAPS) as temporary:
-        np.savez_compressed(temporary, map_x=map_x, map_y=map_y)
 
 
 def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None:

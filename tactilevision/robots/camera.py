@@ -128,8 +128,6 @@ class Played:
     recording: Recording
     rate_Hz: float | None = DEFAULT_RATE_HZ
     waits: bool = True
-    clock: Callable[[], float] = time.monotonic
-    sleep: Callable[[float], None] = time.sleep
     unreadable: int = field(default=0, init=False)
 
     @property
@@ -139,12 +137,12 @@ class Played:
 
     def shots(self) -> Iterator[Shot]:
         """Yield its pictures in order."""
-        began = self.clock()
+        began = time.monotonic()
         for number, frame in enumerate(iter_frames(self.recording)):
             if self.rate_Hz is not None:
-                self.sleep(max(0.0, began + number / self.rate_Hz - self.clock()))
+                time.sleep(max(0.0, began + number / self.rate_Hz - time.monotonic()))
             if isinstance(frame, Frame):
-                yield Shot(frame.rgb, self.clock(), number, frame.name)
+                yield Shot(frame.rgb, time.monotonic(), number, frame.name)
             else:
                 self.unreadable += 1
 

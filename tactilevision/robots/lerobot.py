@@ -19,17 +19,7 @@ from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes, Floats
-from tactilevision.robots.lerobot_dataset import (
-    INFO,
-    STATS,
-    DataSet,
-    data_name,
-    episode_files,
-    opened,
-    parts,
-    pictures,
-    place_in,
-)
+from tactilevision.robots.lerobot_dataset import INFO, STATS, DataSet, episode_files, opened, parts
 from tactilevision.robots.log_export import COMPONENTS
 from tactilevision.robots.logs import library
 
@@ -206,15 +196,14 @@ def annotate(
     if there:
         raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
     warnings = _look(dataset, sensor)
-    shown = pictures(dataset)
-    readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in shown)
+    readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in dataset.pictures())
     work = _Work(dataset, base, added, readings, progress)
     with staged(out) as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
-            work.write_table(dataset.data(place), folder / data_name(place))
+            work.write_table(dataset.data(place), folder)
         work.write_episodes(folder)
         work.write_info(folder)
-        _copy_rest(dataset.root, folder)
+        _copy_rest(dataset, folder)
     return Annotated(len(dataset.episodes), work.done, work.in_contact, work.not_read, tuple(added), warnings)
 
 
@@ -232,9 +221,10 @@ class _Work:
     not_read: int = 0
     gathered: dict[int, dict[str, list[Any]]] = field(default_factory=dict)
 
-    def write_table(self, source: Path, target: Path) -> None:
+    def write_table(self, source: Path, folder: Path) -> None:
         """Write one table of frames with the new columns."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+        target = folder / source.relative_to(self.dataset.root)
         target.parent.mkdir(parents=True, exist_ok=True)
         with opened(source) as file:
             schema_in = file.schema_arrow.remove_metadata()  # which lists the old columns alone
@@ -269,7 +259,7 @@ class _Work:
         """Write the tables of episodes with the statistics of the new features."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         for name in episode_files(self.dataset.root):
-            table = arrow.Table.from_batches(list(parts(place_in(self.dataset.root, name))))
+            table = arrow.Table.from_batches(list(parts(self.dataset.file(name))))
             numbers = table.column("episode_index").to_pylist()
             each = [statistics_as_json(self._stats(number)) for number in numbers]
             for key, stats in each[0].items():
@@ -280,9 +270,8 @@ class _Work:
 
     def write_info(self, folder: Path) -> None:
         """Write info.json with the new features, and stats.json with their statistics."""
-        root = self.dataset.root
         info = dict(self.dataset.info) | {"features": dict(self.dataset.features) | self.added}
-        stats = read_json(place_in(root, STATS)) if (root / STATS).exists() else {}
+        stats = read_json(self.dataset.file(STATS)) if (self.dataset.root / STATS).exists() else {}
         episodes = [self._stats(number) for number in sorted(self.gathered)]
         stats |= statistics_as_json(
             {key: pooled_statistics([one[key] for one in episodes]) for key in episodes[0]}
@@ -305,19 +294,19 @@ class _Work:
 def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:
     """Return warnings of the profile by the first frames. Raises InputError where they have another size."""
     name = f"{dataset.root}, {dataset.camera}"
-    shown = [Frame(rgb, name=name) for _, rgb in islice(pictures(dataset), LOOKED_AT)]
+    shown = [Frame(rgb, name=name) for _, rgb in islice(dataset.pictures(), LOOKED_AT)]
     sensor.look([sensor.reconstructor.rectified(frame) for frame in shown])
     return sensor.warnings
 
 
-def _copy_rest(root: Path, folder: Path) -> None:
+def _copy_rest(dataset: DataSet, folder: Path) -> None:
     """Copy all other files; names that begin with a dot are caches of the hub."""
-    for path in sorted(root.rglob("*")):
-        name = path.relative_to(root)
+    for path in sorted(dataset.root.rglob("*")):
+        name = path.relative_to(dataset.root)
         target = folder / name
         if path.is_file() and not target.exists() and not any(part.startswith(".") for part in name.parts):
             target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(place_in(root, name.as_posix()), target)
+            shutil.copyfile(dataset.file(name.as_posix()), target)
 
 
 def _type(feature: dict[str, Any]) -> Any:

@@ -55,6 +55,8 @@ def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
 INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
 VERSION = "v3."
 Place = tuple[int, int]  # numbers of chunk and file
+MAX_OFF = 0.1  # of the time between two frames, between a picture's time and its row's
+_INDEX = ("episode_index", "frame_index", "timestamp")
 _NUMBERS = ("episode_index", "length", "data/chunk_index", "data/file_index")
 
 
@@ -70,8 +72,22 @@ class Episode:
 
 
 @dataclass(frozen=True, slots=True)
+class Row:
+    """One frame of the tables; `packed` holds its picture where pictures are stored there."""
+
+    episode: Episode
+    frame: int
+    time_s: float
+    packed: bytes | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class DataSet:
-    """A data set on disk with one of its cameras, stored as videos or as single pictures."""
+    """A data set on disk with one of its cameras, stored as videos or as single pictures.
+
+    Rows count frames at a constant rate and videos are matched by time, so that missing frames and videos of
+    another or variable rate are refused.
+    """
 
     root: Path
     info: Mapping[str, Any]
@@ -86,18 +102,79 @@ class DataSet:
         found: Mapping[str, Any] = self.info["features"]
         return found
 
+    def file(self, name: str) -> Path:
+        """Return a file of the data set. Raises as `place_in` does."""
+        return place_in(self.root, name)
+
     def data(self, place: Place) -> Path:
         """Return a table of frames. Raises InputError where it is missing."""
-        return place_in(self.root, data_name(place))
+        return self.file(f"data/{_name(place)}.parquet")
 
     def video(self, place: Place) -> Path:
         """Return a video of the camera. Raises InputError where it is missing."""
-        return place_in(self.root, f"videos/{self.camera}/{_name(place)}.mp4")
+        return self.file(f"videos/{self.camera}/{_name(place)}.mp4")
 
+    def rows(self) -> Iterator[Row]:
+        """Yield all frames in order. Raises InputError where one is missing, or not at the data set's rate."""
+        order = ((episode, frame) for episode in self.episodes for frame in range(episode.length))
+        for path, number, frame, time_s, packed in self._cells():
+            episode, due = next(order, (self.episodes[-1], self.episodes[-1].length))
+            if (number, frame) != (episode.number, due):
+                said = f"frame {frame} of episode {number}, where frame {due} of episode {episode.number} is due"
+                remedy = "Download it again, or record the episode again."
+                raise InputError("frames are missing or out of order", where=path, value=said, remedy=remedy)
+            if not abs(time_s - frame / self.rate_Hz) < MAX_OFF / self.rate_Hz:
+                raise InputError(
+                    f"a frame is not at the stated rate of {self.rate_Hz:g} a second",
+                    where=f"{path}, episode {number}, frame {frame}",
+                    value=f"{time_s:.4f} s",
+                )
+            yield Row(episode, frame, time_s, packed)
+        if (rest := next(order, None)) is not None:
+            said = f"episode {rest[0].number}"
+            raise InputError("the tables end before the last episode does", where=self.root, value=said)
 
-def data_name(place: Place) -> str:
-    """Return the name of a table of frames in its data set."""
-    return f"data/{_name(place)}.parquet"
+    def pictures(self) -> Iterator[tuple[Row, Bytes]]:
+        """Yield each frame with its picture (H, W, 3) uint8 grey levels, red first. Raises as `rows` does."""
+        if self.is_video:
+            yield from self._from_videos()
+            return
+        for row in self.rows():
+            yield row, _unpacked(row, f"{self.root}, {self.camera}")
+
+    def _cells(self) -> Iterator[tuple[Path, int, int, float, bytes | None]]:
+        columns = [*_INDEX] if self.is_video else [*_INDEX, self.camera]
+        for place in dict.fromkeys(one.data for one in self.episodes):
+            path = self.data(place)
+            for batch in parts(path, columns):
+                index = [batch.column(name).to_pylist() for name in _INDEX]
+                packed: list[Any] = [None] * batch.num_rows
+                if not self.is_video:
+                    packed = [(one or {}).get("bytes") for one in batch.column(self.camera).to_pylist()]
+                for number, frame, time_s, data in zip(*index, packed, strict=True):
+                    yield path, number, frame, float(time_s), data
+
+    def _from_videos(self) -> Iterator[tuple[Row, Bytes]]:
+        place: Place | None = None
+        shown: Iterator[tuple[float, Bytes]] = iter(())
+        for row in self.rows():
+            due_s, off_s = row.episode.from_s + row.time_s, MAX_OFF / self.rate_Hz
+            if row.episode.video != place:
+                place = row.episode.video
+                shown = _decoded(self.video(place))
+            found = next((one for one in shown if row.frame or one[0] > due_s - off_s), None)
+            where = f"{self.video(place)}, episode {row.episode.number}, frame {row.frame}"
+            if found is None:
+                raise InputError("the video ends before its frames do", where=where, remedy=AGAIN)
+            at_s, rgb = found
+            if abs(at_s - due_s) > off_s:
+                raise InputError(
+                    f"the video is not at the constant rate of {self.rate_Hz:g} a second",
+                    where=where,
+                    value=f"{at_s:.4f} s, not {due_s:.4f} s",
+                    remedy="Encode it again at that rate, or record single pictures.",
+                )
+            yield row, rgb
 
 
 def read_dataset(root: Path | str, camera: str) -> DataSet:
@@ -141,7 +218,7 @@ def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
     for name in episode_files(root):
         for batch in parts(place_in(root, name), names):
             for row in zip(*(batch.column(key).to_pylist() for key in names), strict=True):
-                if None in row:
+                if None in row or type(row[1]) is not int:  # the length
                     raise InputError("an episode's number is missing", where=root / name, value=str(row)[:80])
                 number, length, chunk, file, *video = row
                 at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)
@@ -155,96 +232,6 @@ def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
 
 def _name(place: Place) -> str:
     return f"chunk-{place[0]:03d}/file-{place[1]:03d}"
-
-
-# Pictures of a camera in the order of the frames. Rows count frames at a constant rate and videos are matched by
-# time, so that missing frames and videos of another or variable rate are refused.
-
-MAX_OFF = 0.1  # of the time between two frames, between a picture's time and its row's
-_INDEX = ("episode_index", "frame_index", "timestamp")
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One frame of the tables; `packed` holds its picture where pictures are stored there."""
-
-    episode: Episode
-    frame: int
-    time_s: float
-    packed: bytes | None = None
-
-
-def rows(dataset: DataSet) -> Iterator[Row]:
-    """Yield all frames in order. Raises InputError where one is missing, or not at the data set's rate."""
-    episodes = iter(dataset.episodes)
-    episode, due = next(episodes), 0
-    for path, number, frame, time_s, packed in _cells(dataset):
-        if due == episode.length:
-            episode, due = next(episodes, episode), 0
-        if (number, frame) != (episode.number, due):
-            raise InputError(
-                "frames are missing or out of order",
-                where=path,
-                value=f"frame {frame} of episode {number}, where frame {due} of episode {episode.number} is due",
-                remedy="Download it again, or record the episode again.",
-            )
-        if not abs(time_s - frame / dataset.rate_Hz) < MAX_OFF / dataset.rate_Hz:
-            raise InputError(
-                f"a frame is not at the stated rate of {dataset.rate_Hz:g} a second",
-                where=f"{path}, episode {number}, frame {frame}",
-                value=f"{time_s:.4f} s",
-            )
-        yield Row(episode, frame, time_s, packed)
-        due += 1
-    if due < episode.length or next(episodes, None) is not None:
-        raise InputError(
-            "the tables end before the last episode does", where=dataset.root, value=f"episode {episode.number}"
-        )
-
-
-def pictures(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
-    """Yield each frame with its picture (H, W, 3) uint8 grey levels, red first. Raises as `rows` does."""
-    if dataset.is_video:
-        yield from _from_videos(dataset)
-        return
-    for row in rows(dataset):
-        yield row, _unpacked(row, f"{dataset.root}, {dataset.camera}")
-
-
-def _cells(dataset: DataSet) -> Iterator[tuple[Path, int, int, float, bytes | None]]:
-    columns = [*_INDEX] if dataset.is_video else [*_INDEX, dataset.camera]
-    for place in dict.fromkeys(one.data for one in dataset.episodes):
-        path = dataset.data(place)
-        for batch in parts(path, columns):
-            index = [batch.column(name).to_pylist() for name in _INDEX]
-            packed: list[Any] = [None] * batch.num_rows
-            if not dataset.is_video:
-                packed = [(one or {}).get("bytes") for one in batch.column(dataset.camera).to_pylist()]
-            for number, frame, time_s, data in zip(*index, packed, strict=True):
-                yield path, number, frame, float(time_s), data
-
-
-def _from_videos(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
-    place: Place | None = None
-    shown: Iterator[tuple[float, Bytes]] = iter(())
-    for row in rows(dataset):
-        due_s, off_s = row.episode.from_s + row.time_s, MAX_OFF / dataset.rate_Hz
-        if row.episode.video != place:
-            place = row.episode.video
-            shown = _decoded(dataset.video(place))
-        found = next((one for one in shown if row.frame or one[0] > due_s - off_s), None)
-        where = f"{dataset.video(place)}, episode {row.episode.number}, frame {row.frame}"
-        if found is None:
-            raise InputError("the video ends before its frames do", where=where, remedy=AGAIN)
-        at_s, rgb = found
-        if abs(at_s - due_s) > off_s:
-            raise InputError(
-                f"the video is not at the constant rate of {dataset.rate_Hz:g} a second",
-                where=where,
-                value=f"{at_s:.4f} s, not {due_s:.4f} s",
-                remedy="Encode it again at that rate, or record single pictures.",
-            )
-        yield row, rgb
 
 
 def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:

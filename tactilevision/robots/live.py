@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 SAMPLE_PX = 2  # every second pixel along each side is used
 RENEW = 0.002  # a frame, of the running mean: 5 s at 90 frames a second; lamps warm in minutes, presses take less
-# ms: upper edges of the histogram of latencies
-EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +92,6 @@ class Stream:
             check_fit(method.card, remedy="Stream(..., even_so=True) or --even-so")
         self.indenter = indenter or (self.sensor.indenter if self.sensor else None)
         self.renew, self.frames = renew, 0
-        self.latencies: Floats = np.zeros(len(EDGES_MS))
         self._last: Footprint | None = None
 
     def take(self, frame: Frame) -> Moment:
@@ -111,7 +108,7 @@ class Stream:
         contact, peak_mm, least_mm, doubts = self._contact(height)
         if doubts:
             height = replace(height, flags=add(height.flags, doubts))
-        self._last = self._footprint(height) if contact else None
+        self._last = find_footprint(height, self.indenter, prior=self._last) if contact and self.indenter else None
         tractions = None
         if self.sensor is not None:
             held = self.sensor.held(height, self._last)
@@ -122,7 +119,6 @@ class Stream:
         if not contact and known and self.renew > 0:
             self.reconstructor.follow(rgb, self.renew)
         latency_ms = KILO * (time.perf_counter() - began)
-        self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
         self.frames += 1
         return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm, tractions)
 
@@ -135,10 +131,6 @@ class Stream:
             seen = replace(seen, method=self.reconstructor.match.method)
         self.reconstructor = self.reconstructor.varied(match=seen).warned(*said)
         return said
-
-    def histogram(self) -> list[tuple[float, int]]:
-        """Return (upper edge in ms, frames) of the latencies so far."""
-        return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
 
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
         """Return whether there is a contact, its depth, the depth detected in half of the picture, and flags."""
@@ -155,11 +147,6 @@ class Stream:
             return False, 0.0, least_mm, ()
         peak_mm = float(sampled.depth_mm[pressed].max())
         return True, peak_mm, least_mm, contact_flags(pressed, self.reconstructor.error)
-
-    def _footprint(self, height: HeightMap) -> Footprint | None:
-        if self.indenter is None:
-            return None
-        return find_footprint(height, self.indenter, prior=self._last)
 
 
 def _sampled(height: HeightMap) -> HeightMap:
@@ -184,6 +171,8 @@ COLUMNS = (
     *(f"m{axis}_Nmm" for axis in AXES),
     *("age_ms", "flags"),
 )
+# ms: upper edges of the histogram of ages
+EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
 KEPT = 2000  # ages of the last frames, from which the 95th percentile is taken
 
 
@@ -219,9 +208,7 @@ class Counts:
     refused: int = 0
     why: str = ""
     flags: Counter[str] = field(default_factory=Counter)
-    histogram: np.ndarray[tuple[int], np.dtype[np.float64]] = field(
-        default_factory=lambda: np.zeros(len(EDGES_MS))
-    )
+    histogram: Floats = field(default_factory=lambda: np.zeros(len(EDGES_MS)))
     ages_ms: list[float] = field(default_factory=list)
     began_s: float = field(default_factory=time.monotonic)
 

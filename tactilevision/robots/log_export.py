@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
-from tactilevision.files.writing import output_errors, replacing, unfinished
+from tactilevision.files.writing import replacing, staged, unfinished
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
@@ -59,36 +58,29 @@ def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
     The suffix is .mcap, .bag (ROS 1) or none (a ROS 2 folder, sqlite3); the log is renamed once it is complete.
     Raises OutputError for another suffix.
     """
-    if path.suffix == ".mcap":
-        with replacing(path) as temporary, _mcap(temporary) as put:
-            yield put, "cdr"
-    elif path.suffix == ".bag":
+    if path.suffix == ".bag":
         with replacing(path) as temporary:
             temporary.unlink()
             with library("rosbags.rosbag1").Writer(temporary) as bag:
                 yield _putter(bag, "ros1"), "ros1"
-    elif not path.suffix:
-        with _folder(path) as put:
-            yield put, "cdr"
-    else:
+    elif path.suffix == ".mcap":
+        with replacing(path) as temporary, TemporaryDirectory(prefix=unfinished(), dir=path.parent) as scratch:
+            whole = Path(scratch) / path.stem
+            with _ros2_writer(whole, "MCAP") as bag:
+                yield _putter(bag, "cdr"), "cdr"
+            (whole / path.name).replace(temporary)
+    elif path.suffix:
         raise OutputError("logs end in .mcap or .bag; without an ending it is a ROS 2 folder", where=path)
-
-
-@contextmanager
-def _folder(path: Path) -> Iterator[Put]:
-    if path.exists():
+    elif path.exists():
         raise OutputError("exists already", where=path, remedy="Choose another name for the ROS 2 bag.")
+    else:
+        with staged(path.parent) as stage, _ros2_writer(stage / path.name, "SQLITE3") as bag:
+            yield _putter(bag, "cdr"), "cdr"
+
+
+def _ros2_writer(folder: Path, storage: str) -> Any:
     bags = library("rosbags.rosbag2")
-    with output_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=unfinished(), dir=path.parent))
-    try:
-        with bags.Writer(scratch / path.name, version=8, storage_plugin=bags.StoragePlugin.SQLITE3) as bag:
-            yield _putter(bag, "cdr")
-        with output_errors(path):
-            (scratch / path.name).rename(path)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    return bags.Writer(folder, version=8, storage_plugin=bags.StoragePlugin[storage])
 
 
 def _putter(bag: Any, encoding: str) -> Put:
@@ -103,27 +95,6 @@ def _putter(bag: Any, encoding: str) -> Put:
         bag.write(topics[topic], time_ns, packed)
 
     return put
-
-
-@contextmanager
-def _mcap(path: Path) -> Iterator[Put]:
-    """Write through mcap."""
-    store, topics = typestore("cdr"), {}
-    with path.open("wb") as file:
-        writer = library("mcap.writer").Writer(file)
-        writer.start(profile="ros2", library="tactilevision")
-
-        def put(topic: str, message: Any, time_ns: int) -> None:
-            kind = message.__msgtype__
-            if topic not in topics:
-                text, _ = store.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
-                topics[topic] = writer.register_channel(topic, "cdr", schema)
-            data = bytes(store.serialize_cdr(message, kind))
-            writer.add_message(topics[topic], log_time=time_ns, data=data, publish_time=time_ns)
-
-        yield put
-        writer.finish()
 
 
 def _type(kind: str, encoding: str) -> Any:
@@ -170,17 +141,14 @@ def export_log(
     with open_writer(out) as (put, encoding):
         for name, time_s in zip(recording.frame_names, times.tolist(), strict=True):
             time_ns = origin_ns + round(time_s * 10**9)
+            about: dict[str, Any] = {"time_ns": time_ns, "frame_id": frame_id, "encoding": encoding}
             path = None if depth is None else _map(depth, name)
             if path is not None:
-                message = depth_message(read_tiff(path), time_ns=time_ns, frame_id=frame_id, encoding=encoding)
-                put(DEPTH_TOPIC, message, time_ns)
+                put(DEPTH_TOPIC, depth_message(read_tiff(path), **about), time_ns)
                 counts["depth"] += 1
             if name in wrenches:
-                whole = wrenches[name]
-                wrench = wrench_message(
-                    whole[:3], whole[3:], time_ns=time_ns, frame_id=frame_id, encoding=encoding
-                )
-                put(WRENCH_TOPIC, wrench, time_ns)
+                force_N, moment_Nmm = np.split(wrenches[name], 2)
+                put(WRENCH_TOPIC, wrench_message(force_N, moment_Nmm, **about), time_ns)
                 counts["wrench"] += 1
         if not any(counts.values()):
             raise InputError(

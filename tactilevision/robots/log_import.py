@@ -19,7 +19,7 @@ from tactilevision.recording.folder import guess_scale
 from tactilevision.recording.pictures import first_look
 from tactilevision.recording.read_tables import turns
 from tactilevision.recording.settings import SensorSettings
-from tactilevision.recording.write import sensor_table, write_forces, write_frame_table, write_maps
+from tactilevision.recording.write import MAPS, sensor_table, write_forces, write_frame_table
 from tactilevision.records.measured import Floats, ForceSeries
 from tactilevision.records.rig import Sensor
 from tactilevision.robots.logs import Log, ros2_name
@@ -29,8 +29,7 @@ from tactilevision.robots.messages import (
     Clock,
     Stamp,
     WrenchReading,
-    check_clock,
-    check_same_clock,
+    check_clocks,
     decode_picture,
     decode_wrench,
     first_ns,
@@ -38,6 +37,7 @@ from tactilevision.robots.messages import (
     times_s,
 )
 from tactilevision.sensors import SENSORS
+from tactilevision.sensors.rectification import save_rectification
 
 
 def _sensor_table(named: str | None, mm_per_px: float | None) -> tuple[dict[str, Any], Sensor | None]:
@@ -143,8 +143,11 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     log, (table, sensor) = Log(Path(path)), _sensor_table(settings.sensor, settings.mm_per_px)
     with staged(out) as folder:
         names, stamps, readings = _messages(log, folder, settings)
-        settings = _with_axes(stamps, [one.stamp for one in readings], log, settings)
-        origin_ns = _check_clocks(stamps, [one.stamp for one in readings], log, settings)
+        wrench = [one.stamp for one in readings]
+        settings = _with_axes(stamps, wrench, log, settings)
+        if settings.clock is Clock.HEADER:
+            check_clocks({settings.frames: stamps} | ({settings.wrench: wrench} if wrench else {}), log.path)
+        origin_ns = first_ns([*stamps, *wrench], settings.clock)
         frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
         order = np.argsort(frame_s, kind="stable")
         write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
@@ -152,7 +155,7 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
             _write_forces(folder, readings, settings, origin_ns)
         table, guessed = _scaled(table, folder / layout.FRAMES, names)
         if sensor is not None and sensor.rectification is not None:
-            write_maps(folder, sensor)
+            save_rectification(sensor, folder / MAPS)
         _write_settings(folder, log.path, settings, sensor=table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
@@ -210,16 +213,6 @@ def _topics(log: Log) -> str:
     """Return a sentence that lists the topics of a log."""
     has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
     return f"It has: {', '.join(has) or 'no topic at all'}."
-
-
-def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:
-    """Return the start of time, ns on the chosen clock. Raises InputError for two clocks."""
-    if settings.clock is Clock.HEADER:
-        frames_s = check_clock(frames, f"{log.path}, {settings.frames}")
-        if wrench:
-            wrench_s = check_clock(wrench, f"{log.path}, {settings.wrench}")
-            check_same_clock(frames_s, wrench_s, where=log.path)
-    return first_ns([*frames, *wrench], settings.clock)
 
 
 def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> ImportSettings:

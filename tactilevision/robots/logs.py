@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -124,20 +124,22 @@ def _read_ros1(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
         names = {value: name for name, value in library("rosbags.rosbag1.reader").decompressors.items()}
         for place, chunk in bag.chunks.items():
             bag.chunks[place] = chunk._replace(decompressor=partial(unpack, names[chunk.decompressor], where=path))
-        log.topics |= {one.topic: one.msgtype for one in bag.connections}
-        chosen = [one for one in bag.connections if one.topic in wanted]
-        for about, log_ns, data in bag.messages(chosen) if chosen else ():
-            yield Message(about.topic, about.msgtype, log_ns, bytes(data), "ros1")
+        yield from _messages(log, bag, wanted, "ros1")
 
 
 def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
     if set("?#%") & set(str(path)):
         raise InputError("the path has a letter that SQLite reserves (?, #, %)", where=path, remedy="Rename it.")
     with library("rosbags.rosbag2").Reader(path) as bag:
-        log.topics |= {one.topic: one.msgtype for one in bag.connections}
-        chosen = [one for one in bag.connections if one.topic in wanted]
-        for about, log_ns, data in bag.messages(chosen) if chosen else ():
-            yield Message(about.topic, about.msgtype, log_ns, _plain(bytes(data), path), "cdr")
+        for message in _messages(log, bag, wanted, "cdr"):
+            yield replace(message, data=_plain(message.data, path))
+
+
+def _messages(log: Log, bag: Any, wanted: Collection[str], encoding: str) -> Iterator[Message]:
+    log.topics |= {one.topic: one.msgtype for one in bag.connections}
+    chosen = [one for one in bag.connections if one.topic in wanted]
+    for about, log_ns, data in bag.messages(chosen) if chosen else ():
+        yield Message(about.topic, about.msgtype, log_ns, bytes(data), encoding)
 
 
 def _plain(data: bytes, path: Path) -> bytes:

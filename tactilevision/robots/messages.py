@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -166,11 +166,23 @@ class Clock(StrEnum):
     LOG = "log"
 
 
-def check_clock(stamps: Sequence[Stamp], where: str) -> float:
-    """Return the median of header less log time, s, of one topic.
+def check_clocks(topics: Mapping[str, Sequence[Stamp]], log: Path) -> None:
+    """Raise InputError for headers without a time, a clock that was reset within the log, and two clocks.
 
-    Raises InputError where headers hold no time, and where their clock was reset within the log.
+    `topics` are the stamps of each by its name.
     """
+    ahead_s = [_ahead_s(stamps, f"{log}, {topic}") for topic, stamps in topics.items()]
+    if np.ptp(ahead_s) > MAX_DELAY_S:
+        raise InputError(
+            "frames and wrench are on two clocks",
+            where=log,
+            value=f"headers are {' and '.join(f'{one:+.3f} s' for one in ahead_s)} from the log's time",
+            remedy="Use the log's time with --clock log.",
+        )
+
+
+def _ahead_s(stamps: Sequence[Stamp], where: str) -> float:
+    """Return the median of header less log time, s, of one topic. Raises as `check_clocks`."""
     if any(one.header_ns == 0 for one in stamps):
         raise InputError("a header holds no time", where=where, remedy="Use the log's time with --clock log.")
     ahead_s = np.array([one.header_ns - one.log_ns for one in stamps]) / 10**9
@@ -184,17 +196,6 @@ def check_clock(stamps: Sequence[Stamp], where: str) -> float:
             remedy="Cut the log there, or use its own time with --clock log.",
         )
     return middle
-
-
-def check_same_clock(frames_s: float, wrench_s: float, *, where: object) -> None:
-    """Raise InputError where two topics, whose headers are so far ahead of the log in s, have two clocks."""
-    if abs(frames_s - wrench_s) > MAX_DELAY_S:
-        raise InputError(
-            "frames and wrench are on two clocks",
-            where=where,
-            value=f"headers are {frames_s:+.3f} s and {wrench_s:+.3f} s from the log's time",
-            remedy="Use the log's time with --clock log.",
-        )
 
 
 def times_s(stamps: Sequence[Stamp], clock: Clock, *, origin_ns: int) -> Floats:

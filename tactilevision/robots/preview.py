@@ -122,19 +122,11 @@ PAD = "pad"  # frame of reference of all topics
 S_TO_NS = 10**9  # nanoseconds in a second
 PORT = 8765  # the default port of Foxglove
 _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
-_WRENCH = {
-    "type": "object",
-    "properties": dict.fromkeys(("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm"), _NUMBERS),
-}
+_WRENCH = dict.fromkeys(("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm"), _NUMBERS)
 _STATE = {
-    "type": "object",
-    "properties": {
-        "contact": {"type": "boolean"},
-        "peak_mm": {"type": "number"},
-        "age_ms": {"type": "number"},
-        "rate_Hz": {"type": "number"},
-        "flags": {"type": "array", "items": {"type": "string"}},
-    },
+    "contact": {"type": "boolean"},
+    **{key: {"type": "number"} for key in ("peak_mm", "age_ms", "rate_Hz")},
+    "flags": {"type": "array", "items": {"type": "string"}},
 }
 
 
@@ -160,8 +152,10 @@ class Foxglove:
         self._picture = channels.RawImageChannel("/picture", context=self._context)
         self._depth = channels.GridChannel("/depth", context=self._context)
         self._tractions = channels.GridChannel("/tractions", context=self._context)
-        self._wrench = foxglove.Channel("/wrench", schema=_WRENCH, context=self._context)
-        self._state = foxglove.Channel("/state", schema=_STATE, context=self._context)
+        self._wrench, self._state = (
+            foxglove.Channel(topic, schema={"type": "object", "properties": schema}, context=self._context)
+            for topic, schema in (("/wrench", _WRENCH), ("/state", _STATE))
+        )
         self._began_ns = time.time_ns() - round(S_TO_NS * time.monotonic())
         self._writer = None
         with ExitStack() as opening:
@@ -215,8 +209,7 @@ class Foxglove:
         fields = {"t_x": found.t_x, "t_y": found.t_y, "t_z": found.t_z}
         grid = _grid(fields, found.mm_per_px, stamp=stamp, first_mm=found.first_mm)
         self._tractions.log(grid, log_time=at_ns)
-        names = ("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm")
-        self._wrench.log({name: _plain(getattr(wrench, name)) for name in names}, log_time=at_ns)
+        self._wrench.log({name: _plain(getattr(wrench, name)) for name in _WRENCH}, log_time=at_ns)
 
 
 def _served(context: Any) -> Any:

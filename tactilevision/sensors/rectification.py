@@ -70,9 +70,7 @@ def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint
 # by default the rectified picture has as many pixels as the raw one across the gel.
 
 
-def sensor_from_corners(
-    corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair | None = None, has_markers: bool = False
-) -> Sensor:
+def sensor_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair | None = None) -> Sensor:
     """Return the sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
 
     They run top left, top right, bottom right, bottom left. Straight lines must be straight in the raw picture:
@@ -96,12 +94,10 @@ def sensor_from_corners(
     y, x = np.mgrid[:height, :width].astype(np.float64)
     places = np.stack([x, y, np.ones_like(x)], axis=-1) @ warp.T
     maps = places[..., :2] / places[..., 2:]
-    return _sensor(maps[..., 0], maps[..., 1], scale, has_markers)
+    return _sensor(maps[..., 0], maps[..., 1], scale)
 
 
-def sensor_from_grid(
-    points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None, has_markers: bool = False
-) -> Sensor:
+def sensor_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None) -> Sensor:
     """Return the sensor whose gel is the grid with crossings `points_px` (rows, columns, 2) in the raw picture.
 
     Between crossings the maps are splines (cubic for four crossings or more), which correct a lens's distortion.
@@ -130,7 +126,7 @@ def sensor_from_grid(
         RectBivariateSpline(down_mm, across_mm, plane, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)(y, x)
         for plane in np.moveaxis(points_px, 2, 0)
     )
-    return _sensor(map_x, map_y, scale, has_markers)
+    return _sensor(map_x, map_y, scale)
 
 
 def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
@@ -166,9 +162,9 @@ def save_rectification(sensor: Sensor, path: Path | str) -> Path:
     return target
 
 
-def _sensor(map_x: Floats, map_y: Floats, mm_per_px: Pair, has_markers: bool) -> Sensor:
+def _sensor(map_x: Floats, map_y: Floats, mm_per_px: Pair) -> Sensor:
     (height, width), maps = map_x.shape, (map_x.astype(np.float32), map_y.astype(np.float32))
-    return Sensor("custom", width, height, mm_per_px, rectification=maps, has_markers=has_markers)
+    return Sensor("custom", width, height, mm_per_px, rectification=maps)
 
 
 def _runs_round(corner: Floats) -> bool:

@@ -318,19 +318,33 @@ class Untouched:
                 value=(self.shape, frame.shape),
             )
         if self.markers is not None:
-            return _by_markers(self.markers, frame, self.mm_per_px)
+            return self._by_markers(self.markers, frame)
         if self.texture is None or (followed := follow_texture(self.texture, frame)) is None:
-            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
-        motion, std_px, valid = followed
-        scale = np.array(self.mm_per_px)
-        return ShearMap(
-            u_x_mm=motion[..., 0] * scale[0],
-            u_y_mm=motion[..., 1] * scale[1],
-            valid=valid,
-            mm_per_px=self.mm_per_px,
-            std_mm=std_px * float(scale.mean()),
-            correlation_px=np.inf,  # an error by the light of a contact is common to all of it
-        )
+            return self._unknown((NOTHING_TO_FOLLOW,))
+        # an error by the light of a contact is common to all of it
+        return self._map(*followed, np.inf)
+
+    def _by_markers(self, places: Floats, frame: Bytes) -> ShearMap:
+        motion = follow_markers(places, find_markers(frame))
+        found = int(motion.found.sum())
+        flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
+        if found < MIN_COUNT:
+            return self._unknown(flags)
+        dense, std_px = spread_motion(motion, self.shape, step_px=STEP_PX)
+        spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))
+        valid = hull(places[motion.found], self.shape)
+        return self._map(dense, std_px, valid, spacing, flags)
+
+    def _map(
+        self, motion_px: Floats, std_px: Floats, valid: Bools, correlation_px: float, flags: tuple[str, ...] = ()
+    ) -> ShearMap:
+        u_x_mm, u_y_mm = (motion_px[..., axis] * step for axis, step in enumerate(self.mm_per_px))
+        std_mm = std_px * float(np.mean(self.mm_per_px))
+        return ShearMap(u_x_mm, u_y_mm, valid, self.mm_per_px, std_mm, correlation_px, flags)
+
+    def _unknown(self, flags: tuple[str, ...]) -> ShearMap:
+        unknown = np.zeros(self.shape)
+        return ShearMap(unknown, unknown, np.zeros(self.shape, dtype=bool), self.mm_per_px, flags=flags)
 
 
 def untouched_frame(recording: Recording) -> Bytes | None:
@@ -361,28 +375,3 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
         return Untouched(shape, mm_per_px, markers=places)
     texture = read_texture(reference)
     return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= MIN_KNOWN else None)
-
-
-def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
-    motion = follow_markers(places, find_markers(frame))
-    shape = (frame.shape[0], frame.shape[1])
-    found = int(motion.found.sum())
-    flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
-    if found < MIN_COUNT:
-        return _nothing(shape, mm_per_px, flags)
-    dense, std_px = spread_motion(motion, shape, step_px=STEP_PX)
-    spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))
-    return ShearMap(
-        u_x_mm=dense[..., 0] * mm_per_px[0],
-        u_y_mm=dense[..., 1] * mm_per_px[1],
-        valid=hull(places[motion.found], shape),
-        mm_per_px=mm_per_px,
-        std_mm=std_px * float(np.mean(mm_per_px)),
-        correlation_px=spacing,
-        flags=flags,
-    )
-
-
-def _nothing(shape: tuple[int, int], mm_per_px: Pair, flags: tuple[str, ...]) -> ShearMap:
-    unknown = np.zeros(shape)
-    return ShearMap(unknown, unknown, np.zeros(shape, dtype=bool), mm_per_px, flags=flags)

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.sensors import SENSORS
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import (
-    GLOSS,
     SOUND,
     Finish,
     Light,
@@ -22,9 +22,6 @@ from tactilevision.synthetic.lights import (
     gelslim_lights,
     random_lights,
     reflect,
-    shine,
-    strip_of,
-    strip_shine,
     visibility,
 )
 
@@ -38,11 +35,7 @@ _STEPS = 16383  # levels of the table of the response, 14 bits
 
 
 class Imaging(Protocol):
-    """A camera that renders surfaces over the `grid` of the pad."""
-
-    @property
-    def grid(self) -> Grid:
-        """Places of the rectified pixels."""
+    """A camera that renders surfaces."""
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Return linear light (H, W, 3), 1 is white, without noise."""
@@ -115,8 +108,7 @@ class Camera:
         size = self.options.shadow_strip_mm
         if size is None:
             return None
-        strips = [light if isinstance(light, Strip) else strip_of(light, size) for light in self.lights]
-        return visibility(strips, surface, self.grid)
+        return visibility([light.strip(size) for light in self.lights], surface, self.grid)
 
     def _reflected(self, surface: Surface, grid: Grid, time_s: float, shares: Shares) -> Singles:
         slopes = self.slope_response.shown(_slopes(surface, grid), time_s)
@@ -147,12 +139,7 @@ def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
 
 @lru_cache(maxsize=8)
 def _shines(lights: tuple[Light | Strip, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
-    return tuple(
-        strip_shine(light, grid, reference=reference)
-        if isinstance(light, Strip)
-        else shine(light, grid, reference=reference)
-        for light in lights
-    )
+    return tuple(light.shine(grid, reference=reference) for light in lights)
 
 
 @lru_cache(maxsize=8)
@@ -189,6 +176,8 @@ def _carried(ink: Singles, surface: Surface, grid: Grid) -> Singles:
 
 # Options and random parts of a camera: lens, ink, markers, stray light, vignetting, noise.
 
+GELSLIM3 = SENSORS["gelslim3"]
+
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions:
@@ -200,9 +189,9 @@ class CameraOptions:
     `shadow_strip_mm`: the lamps cast shadows as strips of this length and width.
     """
 
-    width_px: int = 427
-    height_px: int = 320
-    mm_per_px: Pair = (0.0634, 0.0634)
+    width_px: int = GELSLIM3.width_px
+    height_px: int = GELSLIM3.height_px
+    mm_per_px: Pair = GELSLIM3.mm_per_px
     light_seed: int | None = None
     markers: bool = False
     texture: float = 0.012
@@ -212,7 +201,6 @@ class CameraOptions:
     full_well: float = 12_000
     read_noise: float = 0.6
     drift: float = 0.003
-    gloss: float = GLOSS
     shadow_strip_mm: Pair | None = None
 
 
@@ -227,7 +215,7 @@ def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
     return Camera(
         grid=grid,
         lights=lights,
-        finish=Finish(gloss=options.gloss),
+        finish=Finish(),
         ink=_ink(grid, options, rng),
         stray=_stray(grid, random),
         vignette=_vignette(grid, random),

@@ -49,13 +49,11 @@ class Grid:
 
     def part(self, area: Area) -> tuple[slice, slice]:
         """Return the rows and columns in an area; empty where it is out of the grid."""
-        columns = np.searchsorted(
-            self.x_mm, [area.centre_mm[0] - area.half_mm[0], area.centre_mm[0] + area.half_mm[0]]
+        columns, rows = (
+            slice(*np.searchsorted(along, [centre - half, centre + half]).tolist())
+            for along, centre, half in zip((self.x_mm, self.y_mm), area.centre_mm, area.half_mm, strict=True)
         )
-        rows = np.searchsorted(
-            self.y_mm, [area.centre_mm[1] - area.half_mm[1], area.centre_mm[1] + area.half_mm[1]]
-        )
-        return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
+        return rows, columns
 
     def finer(self, part: tuple[slice, slice], times: int) -> Grid:
         """Return the grid that divides each pixel of a part `times` along either axis."""
@@ -205,11 +203,6 @@ class BallPress(Surface):
     thickness_mm: float
     poisson_ratio: float
     centre_mm: Pair
-
-    @property
-    def press_mm(self) -> float:
-        """Depth of the ball's lowest point."""
-        return _surface(self.radius_mm, self.contact_radius_mm, self.thickness_mm, self.poisson_ratio)[0]
 
     @property
     def steep(self) -> tuple[Area, ...]:

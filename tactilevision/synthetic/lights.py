@@ -27,6 +27,16 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
+class Shine:
+    """One light on one grid: its vector (ex, ey, ez), (H, W) each, and its half-way direction."""
+
+    vector: tuple[Singles, Singles, Singles]
+    strength: Singles
+    half_way: tuple[Singles, Singles, Singles]
+    colour: Triple
+
+
+@dataclass(frozen=True, slots=True)
 class Light:
     """One lamp: `position_mm` from the centre of the pad, `aim_mm` and `beam_mm` (per axis) of its Gaussian beam.
 
@@ -39,45 +49,32 @@ class Light:
     brightness: float
     colour: Triple
 
+    def shine(self, grid: Grid, *, reference: Grid) -> Shine:
+        """Return the light on a grid; `reference` is the whole pad, on which its brightness is defined."""
+        x, y, z, strength = _rays(self, grid)
+        _, _, z_all, strength_all = _rays(self, reference)
+        strength = strength * np.float32(self.brightness / float((strength_all * z_all).max()))
+        vector = _single(strength * x), _single(strength * y), _single(strength * z)
+        return Shine(vector, strength, _half_way(x, y, z), self.colour)
 
-GLOSS = 0.03  # of the highlight of a usual ink
+    def strip(self, size_mm: Pair) -> Strip:
+        """Return a strip of length and width `size_mm` with the same position and aim."""
+        aim = (self.aim_mm[0], self.aim_mm[1], 0.0)
+        return Strip(self.position_mm, aim, *size_mm, brightness=self.brightness, colour=self.colour)
 
 
 @dataclass(frozen=True, slots=True)
 class Finish:
     """Reflection of the ink: `gloss` of its highlight, `soft_edge` δ of attached shadows."""
 
-    gloss: float = GLOSS
+    gloss: float = 0.03
     soft_edge: float = 0.06
 
 
-@dataclass(frozen=True, slots=True)
-class Shine:
-    """One light on one grid: its vector (ex, ey, ez), (H, W) each, and its half-way direction."""
-
-    vector: tuple[Singles, Singles, Singles]
-    strength: Singles
-    half_way: tuple[Singles, Singles, Singles]
-    colour: Triple
-
-
-def shine(light: Light, grid: Grid, *, reference: Grid) -> Shine:
-    """Return the light on a grid; `reference` is the whole pad, on which its brightness is defined."""
-    x, y, z, strength = _rays(light, grid)
-    _, _, z_all, strength_all = _rays(light, reference)
-    strength = strength * np.float32(light.brightness / float((strength_all * z_all).max()))
+def _half_way(x: Singles, y: Singles, z: Singles) -> tuple[Singles, Singles, Singles]:
+    """Return the unit vector half-way between a light's direction and the camera's."""
     norm = np.sqrt(x * x + y * y + (z + 1) ** 2)
-    vector = _single(strength * x), _single(strength * y), _single(strength * z)
-    return Shine(vector, strength, (_single(x / norm), _single(y / norm), _single((z + 1) / norm)), light.colour)
-
-
-def shine_of(vector: tuple[Singles, Singles, Singles], scale: np.float32, *, colour: Triple) -> Shine:
-    """Return the light of a vector (x, y, z), (H, W) each in any unit, times `scale`."""
-    strength = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    x, y, z = (axis / strength for axis in vector)
-    norm = np.sqrt(x * x + y * y + (z + 1) ** 2)
-    scaled = _single(vector[0] * scale), _single(vector[1] * scale), _single(vector[2] * scale)
-    return Shine(scaled, _single(strength * scale), (x / norm, y / norm, (z + 1) / norm), colour)
+    return _single(x / norm), _single(y / norm), _single((z + 1) / norm)
 
 
 def _single(values: npt.NDArray[Any]) -> Singles:
@@ -216,18 +213,18 @@ class Strip:
         upper = np.cross(along, front) * self.width_mm / 2
         return np.asarray(self.centre_mm) + self.length_mm * places[:, None] * along, upper * np.sign(upper[2])
 
+    def shine(self, grid: Grid, *, reference: Grid) -> Shine:
+        """Return its light on a grid; `reference` is the whole pad, on which its brightness is defined."""
+        vector = _vector(self, grid)
+        scale = np.float32(self.brightness / float(_vector(self, reference)[2].max()))
+        strength = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+        half_way = _half_way(*(axis / strength for axis in vector))
+        scaled = _single(vector[0] * scale), _single(vector[1] * scale), _single(vector[2] * scale)
+        return Shine(scaled, _single(strength * scale), half_way, self.colour)
 
-def strip_of(light: Light, size_mm: Pair) -> Strip:
-    """Return a strip of length and width `size_mm` with the position and aim of a point light."""
-    aim = (light.aim_mm[0], light.aim_mm[1], 0.0)
-    return Strip(light.position_mm, aim, *size_mm, brightness=light.brightness, colour=light.colour)
-
-
-def strip_shine(strip: Strip, grid: Grid, *, reference: Grid) -> Shine:
-    """Return the strip's light on a grid; `reference` is the whole pad, on which its brightness is defined."""
-    x, y, z = _vector(strip, grid)
-    brightest = float(_vector(strip, reference)[2].max())
-    return shine_of((x, y, z), np.float32(strip.brightness / brightest), colour=strip.colour)
+    def strip(self, size_mm: Pair) -> Strip:
+        """Return itself, whatever `size_mm`."""
+        return self
 
 
 def visibility(strips: Sequence[Strip], surface: Surface, grid: Grid) -> tuple[Singles, ...]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from tactilevision.errors import InputError, check_known
 from tactilevision.records.certified import REASONS
-from tactilevision.records.measured import Material, Pair
+from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.synthetic.camera import CameraOptions
 from tactilevision.synthetic.lights import SOUND, SlopeResponse
-from tactilevision.synthetic.punch import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
+from tactilevision.synthetic.punch import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM, PunchProfile
 from tactilevision.synthetic.rig import Protocol
 
 FAULTS = REASONS  # one bad press for each reason of rejection
@@ -20,7 +22,8 @@ FAULTS = REASONS  # one bad press for each reason of rejection
 class GelOptions:
     """The gel, and the prior of its Poisson ratio that the recording states (`prior_std` None: none).
 
-    `friction`: Coulomb's coefficient between gel and face; `relaxing` (share, time constant s): viscoelasticity.
+    `friction`: Coulomb's coefficient between gel and face; `relaxing` (share, time constant s): a Maxwell
+    branch that carries a share of the force.
     """
 
     youngs_modulus_MPa: float = 0.19
@@ -34,6 +37,26 @@ class GelOptions:
 
     def __post_init__(self) -> None:
         Material(self.youngs_modulus_MPa, self.poisson_ratio)  # raises InputError for impossible values
+
+    @property
+    def reduced_modulus_MPa(self) -> float:
+        """E/(1 - ν²)."""
+        return self.youngs_modulus_MPa / (1 - self.poisson_ratio**2)
+
+    def force_N(self, profile: PunchProfile, depth_mm: Floats | float) -> Floats:
+        """Return the force (T,) N of the punch of `profile` at depths (T,) mm, without relaxation."""
+        return self.youngs_modulus_MPa * profile.force_per_modulus(depth_mm)
+
+    def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
+        """Return the force (T,) N with relaxation, for evenly spaced readings (T,)."""
+        from scipy.signal import lfilter
+
+        share, constant = self.relaxing
+        if share == 0:
+            return force_N
+        keep = np.exp(-interval_s / constant)
+        branch = lfilter([1.0, -1.0], [1.0, -keep], force_N)
+        return np.asarray((1 - share) * force_N + share * branch)
 
 
 @dataclass(frozen=True, slots=True)

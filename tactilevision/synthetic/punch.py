@@ -121,7 +121,7 @@ def punch_profile(
 
 # Bevel next to the face of an indenter.
 
-_SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
+SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +140,12 @@ class Bevel:
 
     def along(self, x: Floats | Singles, y: Floats | Singles) -> tuple[Floats, Floats]:
         """Return distances from the axis towards the bevel, and along its edge; mm, of the shape of x and y."""
-        ex, ey = _SIDES[self.side]
+        ex, ey = SIDES[self.side]
         return np.asarray(ex * x + ey * y), np.asarray(-ey * x + ex * y)
 
     def area(self, centre_mm: Pair, reach_mm: Pair, *, margin_mm: float) -> Area:
         """Return the rectangle `reach_mm` before and behind the edge and `margin_mm` past both of its ends."""
-        ex, ey = _SIDES[self.side]
+        ex, ey = SIDES[self.side]
         middle = self.distance_mm + 0.5 * (reach_mm[1] - reach_mm[0])
         half_s, half_t = 0.5 * sum(reach_mm), self.half_width_mm + margin_mm
         half = (half_s, half_t) if ex else (half_t, half_s)
@@ -160,7 +160,7 @@ class Bevel:
         """Return the smallest distance between the bevel and the gel; below 0 they overlap."""
         s = self.distance_mm + np.linspace(0.0, 1.0, 21)
         s, t = np.meshgrid(s, np.linspace(-self.half_width_mm, self.half_width_mm, 41))
-        ex, ey = _SIDES[self.side]
+        ex, ey = SIDES[self.side]
         tilted = tilt[0] * (ex * s - ey * t) + tilt[1] * (ey * s + ex * t)
         return float(np.min(profile.depth_at(np.hypot(s, t), face_mm) - self.depth_mm(s, face_mm) - tilted))
 
@@ -173,24 +173,30 @@ class Bevel:
 
         return float(brentq(gap, 0.0, 2.0 * self.height_mm + 0.5, xtol=TINY))
 
+    def dent(self, surface: Singles, places: tuple[Singles, Singles], *, face_mm: float, tilt: Pair) -> Singles:
+        """Return the depth (H, W) mm that the bevel adds to the free surface (H, W) mm.
 
-def bevel_dent(
-    surface: Singles, bevel: Bevel, *, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
-) -> Singles:
-    """Return the depth (H, W) mm that the bevel adds to the free surface (H, W) mm.
+        Pixels that the bevel's edge crosses are as deep as the edge: else contact would begin microns too late.
+        """
+        x, y = places
+        pixel_mm = float(abs(x[0, 1] - x[0, 0]))
+        s, t = self.along(x, y)
+        plane = self.depth_mm(np.maximum(s, self.distance_mm), face_mm) + tilt[0] * x + tilt[1] * y
+        under = (s + 0.5 * pixel_mm >= self.distance_mm) & (np.abs(t) <= self.half_width_mm)
+        overlap = np.where(under, plane - surface, 0.0)
+        dent = np.maximum(overlap, 0.0)
+        if not (dent > 0).any():
+            return np.zeros_like(surface)
+        return _spread(dent.astype(np.float32), dent > 0, pixel_mm)
 
-    Pixels that the bevel's edge crosses are as deep as the edge: else contact would begin microns too late.
-    """
-    x, y = places
-    pixel_mm = float(abs(x[0, 1] - x[0, 0]))
-    s, t = bevel.along(x, y)
-    plane = bevel.depth_mm(np.maximum(s, bevel.distance_mm), face_mm) + tilt[0] * x + tilt[1] * y
-    under = (s + 0.5 * pixel_mm >= bevel.distance_mm) & (np.abs(t) <= bevel.half_width_mm)
-    overlap = np.where(under, plane - surface, 0.0)
-    dent = np.maximum(overlap, 0.0)
-    if not (dent > 0).any():
-        return np.zeros_like(surface)
-    return _spread(dent.astype(np.float32), dent > 0, pixel_mm)
+    def force_N(self, profile: PunchProfile, depths_mm: Floats, *, reduced_modulus_MPa: float) -> Floats:
+        """Return the force (T,) N on the bevel at depths (T,) mm of the face."""
+        along = np.linspace(-self.half_width_mm, self.half_width_mm, 81)
+        distance = np.hypot(self.distance_mm, along)
+        table = np.linspace(0.0, max(float(np.max(depths_mm, initial=0.0)), MICRO), 60)
+        overlap = [np.maximum(w - self.height_mm - profile.depth_at(distance, w), 0.0) for w in table]
+        force = 0.5 * reduced_modulus_MPa * np.trapezoid(overlap, along, axis=1)
+        return np.asarray(np.interp(depths_mm, table, force, left=0.0), dtype=np.float64)
 
 
 def _spread(dent: Singles, touching: Bools, mm_per_px: float) -> Singles:
@@ -243,13 +249,8 @@ class PunchPress(Surface):
             part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3), margin_mm=2.5))
             window = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
             if depth[part].size:
-                depth[part] += bevel_dent(
-                    depth[part],
-                    self.bevel,
-                    places=window.places(self.centre_mm),
-                    face_mm=self.face_mm,
-                    tilt=self.tilt,
-                )
+                places = window.places(self.centre_mm)
+                depth[part] += self.bevel.dent(depth[part], places, face_mm=self.face_mm, tilt=self.tilt)
         return depth
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.records.constants import MICRO
-from tactilevision.records.measured import Floats, Pair
-from tactilevision.synthetic.punch import Bevel, PunchProfile
+from tactilevision.records.measured import Floats
 
 QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)  # N, steps of the readings fx, fy, fz
 
@@ -84,44 +82,6 @@ def move(protocol: Protocol, touch_mm: float, *, deepest_mm: float) -> Motion:
     ]
     times = np.concatenate([[0.0], np.cumsum([leg[0] for leg in legs])])
     return Motion(times, np.array([-protocol.gap_mm] + [leg[1] for leg in legs]), tuple(leg[2] for leg in legs))
-
-
-@dataclass(frozen=True, slots=True)
-class GelLaw:
-    """Force against depth on one gel of `youngs_modulus_MPa`, `reduced_modulus_MPa` E/(1 - ν²).
-
-    `relaxing` (share, time constant s): a Maxwell branch that carries a share of the force.
-    """
-
-    youngs_modulus_MPa: float
-    reduced_modulus_MPa: float
-    relaxing: Pair = (0.0, 1.0)
-
-    def force_N(self, profile: PunchProfile, depth_mm: Floats | float) -> Floats:
-        """Return the force (T,) N of the punch of `profile` at depths (T,) mm, without relaxation."""
-        return self.youngs_modulus_MPa * profile.force_per_modulus(depth_mm)
-
-    def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
-        """Return the force (T,) N with relaxation, for evenly spaced readings (T,)."""
-        from scipy.signal import lfilter
-
-        share, constant = self.relaxing
-        if share == 0:
-            return force_N
-        keep = np.exp(-interval_s / constant)
-        branch = lfilter([1.0, -1.0], [1.0, -keep], force_N)
-        return np.asarray((1 - share) * force_N + share * branch)
-
-
-def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
-    """Return the force (T,) N on the bevel at depths (T,) mm of the face."""
-    along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
-    distance = np.hypot(bevel.distance_mm, along)
-    deepest = float(np.max(depths_mm, initial=0.0))
-    table = np.linspace(0.0, max(deepest, MICRO), 60)
-    overlap = [np.maximum(w - bevel.height_mm - profile.depth_at(distance, w), 0.0) for w in table]
-    force = 0.5 * reduced_modulus_MPa * np.trapezoid(overlap, along, axis=1)
-    return np.asarray(np.interp(depths_mm, table, force, left=0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,6 @@ GELSLIM3_SEED = 20261121  # seed of the sample recording
 # Five points of P/w = 5.2662 w/h + 3.4943, h = 3 mm; the paper does not print its readings.
 _PAPER_SLOPE_N_MM = 5.2662  # N/mm, growth of P/w with w/h
 _PAPER_INTERCEPT_N_MM = 3.4943  # N/mm, P/w at w = 0
-_PAPER_THICKNESS_MM = 3.0  # mm, the paper's gel
 
 
 def gelslim3_options() -> SimulationOptions:
@@ -45,12 +44,12 @@ def make_samples(folder: Path | str) -> None:
 
 def write_paper_points(folder: Path) -> None:
     """Write the paper's five presses as certified points on its printed line."""
-    kit, camera = IndenterOptions(), CameraOptions()
+    kit, camera, thickness_mm = IndenterOptions(), CameraOptions(), GelOptions().thickness_mm  # of the paper
     made = [
-        (f"A{i}", w, round((_PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * w / _PAPER_THICKNESS_MM) * w, 4))
+        (f"A{i}", w, round((_PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * w / thickness_mm) * w, 4))
         for i, w in enumerate(kit.heights_mm, start=1)
     ]
-    gel = Gel(thickness_mm=_PAPER_THICKNESS_MM, shape="disc", radius_mm=PAD_RADIUS_MM)
+    gel = Gel(thickness_mm=thickness_mm, shape="disc", radius_mm=PAD_RADIUS_MM)
     write_recording(
         Recording(
             path=folder,

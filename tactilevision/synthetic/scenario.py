@@ -11,10 +11,11 @@ import numpy as np
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, Pair
 from tactilevision.synthetic.lights import SlopeResponse
-from tactilevision.synthetic.options import SimulationOptions
-from tactilevision.synthetic.punch import Bevel, PunchPress, PunchProfile, punch_profile
-from tactilevision.synthetic.rig import ForceSensor, GelLaw, Motion, Protocol, bevel_force_N, move
+from tactilevision.synthetic.options import GelOptions, SimulationOptions
+from tactilevision.synthetic.punch import SIDES, Bevel, PunchPress, PunchProfile, punch_profile
+from tactilevision.synthetic.rig import ForceSensor, Motion, Protocol, move
 
+DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
 _RECOVERY = (0.05, 1.0)  # share of the force missing right after a press, and its time constant in s
 
 
@@ -53,15 +54,18 @@ class PlannedPress:
         """Return the gel at a time on the camera's clock."""
         return PunchPress(self.profile, float(self.motion.at(time_s)), self.centre_mm, self.tilt, self.bevel)
 
-    def force_N(self, time_s: Floats, law: GelLaw) -> Floats:
+    def touch_force_N(self, gel: GelOptions) -> float:
+        """Return the normal force at the touch of the bevel."""
+        return float(gel.force_N(self.profile, self.touch_mm)) * self.gain
+
+    def force_N(self, time_s: Floats, gel: GelOptions) -> Floats:
         """Return the true force (T, 3) at evenly spaced times on the camera's clock."""
         depth = self.motion.at(time_s)
-        normal = law.force_N(self.profile, depth) * self.gain
-        normal = normal + bevel_force_N(
-            self.bevel, self.profile, reduced_modulus_MPa=law.reduced_modulus_MPa, depths_mm=depth
-        )
+        normal = gel.force_N(self.profile, depth) * self.gain
+        reduced_MPa = gel.reduced_modulus_MPa
+        normal = normal + self.bevel.force_N(self.profile, depth, reduced_modulus_MPa=reduced_MPa)
         if time_s.size > 1:
-            normal = law.relaxed(normal, float(time_s[1] - time_s[0]))
+            normal = gel.relaxed(normal, float(time_s[1] - time_s[0]))
         return np.column_stack([self.tangential[0] * normal, self.tangential[1] * normal, normal])
 
 
@@ -153,7 +157,7 @@ def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_afte
 def _centre(options: SimulationOptions, rng: np.random.Generator, *, cut: bool) -> Pair:
     """Return a place near the middle with the bevel in view; `cut`: over the far border."""
     kit, camera = options.indenters, options.camera
-    towards = {"right": (1, 0), "left": (-1, 0), "top": (0, -1), "bottom": (0, 1)}[kit.bevel]
+    towards = SIDES[kit.bevel]
     half = np.array([camera.width_px * camera.mm_per_px[0], camera.height_px * camera.mm_per_px[1]]) / 2
     offset = -0.35 * kit.bevel_distance_mm
     if cut:
@@ -173,111 +177,100 @@ class Scenario:
 
     options: SimulationOptions
     seed: int
-    law: GelLaw
     presses: tuple[PlannedPress, ...]
     clock_offset_s: float
     sensor: ForceSensor
+
+    def read_forces(self) -> tuple[Floats, Floats]:
+        """Return times on the force sensor's clock and its readings (T, 3) over the whole recording."""
+        rng = stream(self.seed, 1)
+        end = self.presses[-1].end_s + 0.5
+        camera_clock = np.arange(0.3, end, 1 / self.options.rig.force_rate_Hz)
+        force = np.zeros((camera_clock.size, 3))
+        for press in self.presses:
+            rows = slice(*np.searchsorted(camera_clock, [press.start_s, press.end_s]))
+            force[rows] = press.force_N(camera_clock[rows], self.options.gel)
+            if press.fault == "saturated":  # a cable pulls the sensor to the end of its range
+                touch = float(self.options.gel.force_N(press.profile, press.touch_mm))
+                force[rows, 2] += self.sensor.range_N - self.sensor.bias_N[2] - 0.7 * touch
+        readings = self.sensor.read(force, camera_clock, rng)
+        return np.round(camera_clock + self.clock_offset_s, 4), readings
+
+    def certified(self) -> tuple[CertifiedPoint, ...]:
+        """Return the true points, with the noise of one second of force readings and the nominal heights."""
+        rng = stream(self.seed, 1)
+        noise = np.asarray(self.sensor.noise_N) / np.sqrt(self.options.rig.force_rate_Hz)
+        kit = self.options.indenters
+        points = []
+        for press in (p for p in self.presses if not p.fault):
+            normal = press.touch_force_N(self.options.gel)
+            force_N = normal * np.array([*press.tangential, 1.0]) + noise * rng.normal(size=3)
+            fx, fy, fz = np.round(force_N, 6).tolist()
+            machined = kit.heights_mm[int(press.indenter[1:]) - 1]
+            points.append(CertifiedPoint(
+                press.label, press.indenter, round(press.touch_mm + machined - press.bevel.height_mm, 6), fz,
+                depth_std_mm=kit.height_std_mm, fz_std_N=round(float(noise[2]), 6), fx_N=fx, fy_N=fy,
+                time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3),
+                speed_mm_s=press.protocol.speed_mm_s,
+            ))  # fmt: skip
+        return tuple(points)
+
+    def curves(self) -> tuple[Curve, ...]:
+        """Return depth and force against time at 50 Hz, on the camera's clock."""
+        rng = stream(self.seed, 1)
+        made = []
+        for press in (p for p in self.presses if not p.fault):
+            time_s = np.round(np.arange(press.start_s, press.end_s, 1 / 50), 4)
+            depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
+            noise_N = rng.standard_normal((time_s.size, 3)) * self.sensor.noise_N
+            force = press.force_N(time_s, self.options.gel) + noise_N
+            phase = np.array(press.motion.phase_at(time_s))
+            made.append(Curve(press.label, time_s, np.round(depth, 5), np.round(force, 5), phase))
+        return tuple(made)
+
+    def truth(self) -> dict[str, Any]:
+        """Return the content of truth.toml: the material by the names of calibration.json, and every press."""
+        gel, kit = self.options.gel, self.options.indenters
+        profile = gel_under(self.options, kit.radius_mm)
+        line = profile.line()
+        return {
+            "seed": self.seed,
+            "youngs_modulus_MPa": gel.youngs_modulus_MPa,
+            "poisson_ratio": gel.poisson_ratio,
+            "reduced_modulus_MPa": gel.reduced_modulus_MPa,
+            "c_N_per_mm": gel.youngs_modulus_MPa * line[0],
+            "beta": line[1],
+            "friction": gel.friction,
+            "edge_radius_mm": kit.edge_radius_mm,
+            "solved_to_mm": float(profile.depths_mm[-1]),
+            "clock_offset_s": self.clock_offset_s,
+            "presses_accepted": [p.label for p in self.presses if not p.fault],
+            "presses_rejected": [{"press": p.label, "reason": p.fault} for p in self.presses if p.fault],
+            "press": [_press_truth(self, p) for p in self.presses],
+            **_hidden(self.options.slope_response),
+        }
 
 
 def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
     """Return a random scenario, without the noise of pictures and forces."""
     rng = stream(seed, 0)
     gel = options.gel
-    law = GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
     presses = plan_presses(options, rng)
     offset = options.rig.clock_offset_s
     random_offset = float(rng.uniform(-0.2, 0.2))
-    largest = max(float(law.force_N(p.profile, p.touch_mm + options.rig.protocol.overtravel_mm)) for p in presses)
+    largest = max(float(gel.force_N(p.profile, p.touch_mm + options.rig.protocol.overtravel_mm)) for p in presses)
     bias, drift = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1e-4, 1e-4, 3)
     sensor = ForceSensor(
         bias_N=(float(bias[0]), float(bias[1]), float(bias[2])),
         drift_N_s=(float(drift[0]), float(drift[1]), float(drift[2])),
         range_N=round(1.4 * largest + 0.5, 1),
     )
-    return Scenario(options, seed, law, presses, random_offset if offset is None else offset, sensor)
+    return Scenario(options, seed, presses, random_offset if offset is None else offset, sensor)
 
 
 def stream(seed: int, number: int) -> np.random.Generator:
     """Return one of several independent generators, so that the picture format does not affect the forces."""
     return np.random.default_rng([seed, number])
-
-
-DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
-
-
-def read_forces(scenario: Scenario) -> tuple[Floats, Floats]:
-    """Return times on the force sensor's clock and its readings (T, 3) over the whole recording."""
-    rng = stream(scenario.seed, 1)
-    end = scenario.presses[-1].end_s + 0.5
-    camera_clock = np.arange(0.3, end, 1 / scenario.options.rig.force_rate_Hz)
-    force = np.zeros((camera_clock.size, 3))
-    for press in scenario.presses:
-        rows = slice(*np.searchsorted(camera_clock, [press.start_s, press.end_s]))
-        force[rows] = press.force_N(camera_clock[rows], scenario.law)
-        if press.fault == "saturated":  # a cable pulls the sensor to the end of its range
-            touch = float(scenario.law.force_N(press.profile, press.touch_mm))
-            force[rows, 2] += scenario.sensor.range_N - scenario.sensor.bias_N[2] - 0.7 * touch
-    readings = scenario.sensor.read(force, camera_clock, rng)
-    return np.round(camera_clock + scenario.clock_offset_s, 4), readings
-
-
-def certified(scenario: Scenario) -> tuple[CertifiedPoint, ...]:
-    """Return the true points, with the noise of one second of force readings and the nominal heights."""
-    rng = stream(scenario.seed, 1)
-    noise = np.asarray(scenario.sensor.noise_N) / np.sqrt(scenario.options.rig.force_rate_Hz)
-    kit = scenario.options.indenters
-    points = []
-    for press in (p for p in scenario.presses if not p.fault):
-        normal = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
-        fx, fy, fz = (
-            round(float(f), 6) for f in normal * np.array([*press.tangential, 1.0]) + noise * rng.normal(size=3)
-        )
-        machined = kit.heights_mm[int(press.indenter[1:]) - 1]
-        points.append(CertifiedPoint(
-            press.label, press.indenter, round(press.touch_mm + machined - press.bevel.height_mm, 6), fz,
-            depth_std_mm=kit.height_std_mm, fz_std_N=round(float(noise[2]), 6), fx_N=fx, fy_N=fy,
-            time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3),
-            speed_mm_s=press.protocol.speed_mm_s,
-        ))  # fmt: skip
-    return tuple(points)
-
-
-def curves(scenario: Scenario) -> tuple[Curve, ...]:
-    """Return depth and force against time at 50 Hz, on the camera's clock."""
-    rng = stream(scenario.seed, 1)
-    made = []
-    for press in (p for p in scenario.presses if not p.fault):
-        time_s = np.round(np.arange(press.start_s, press.end_s, 1 / 50), 4)
-        depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
-        force = (
-            press.force_N(time_s, scenario.law) + rng.standard_normal((time_s.size, 3)) * scenario.sensor.noise_N
-        )
-        phase = np.array(press.motion.phase_at(time_s))
-        made.append(Curve(press.label, time_s, np.round(depth, 5), np.round(force, 5), phase))
-    return tuple(made)
-
-
-def truth_of(scenario: Scenario) -> dict[str, Any]:
-    """Return the content of truth.toml: material and clocks by the names of calibration.json, and every press."""
-    gel, kit = scenario.options.gel, scenario.options.indenters
-    profile = gel_under(scenario.options, kit.radius_mm)
-    line = profile.line()
-    return {
-        "seed": scenario.seed,
-        "youngs_modulus_MPa": gel.youngs_modulus_MPa,
-        "poisson_ratio": gel.poisson_ratio,
-        "reduced_modulus_MPa": scenario.law.reduced_modulus_MPa,
-        "c_N_per_mm": gel.youngs_modulus_MPa * line[0],
-        "beta": line[1],
-        "friction": gel.friction,
-        "edge_radius_mm": kit.edge_radius_mm,
-        "solved_to_mm": float(profile.depths_mm[-1]),
-        "clock_offset_s": scenario.clock_offset_s,
-        "presses_accepted": [p.label for p in scenario.presses if not p.fault],
-        "presses_rejected": [{"press": p.label, "reason": p.fault} for p in scenario.presses if p.fault],
-        "press": [_press_truth(scenario, p) for p in scenario.presses],
-        **_hidden(scenario.options.slope_response),
-    }
 
 
 def _hidden(slope_response: SlopeResponse) -> dict[str, Any]:
@@ -307,6 +300,6 @@ def _press_truth(scenario: Scenario, press: PlannedPress) -> dict[str, Any]:
         "gain": press.gain,
     }
     if not math.isnan(press.touch_time_s):
-        force = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
-        content |= {"touch_time_s": press.touch_time_s, "depth_mm": press.touch_mm, "force_N": force}
+        force_N = press.touch_force_N(scenario.options.gel)
+        content |= {"touch_time_s": press.touch_time_s, "depth_mm": press.touch_mm, "force_N": force_N}
     return content

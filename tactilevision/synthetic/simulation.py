@@ -19,22 +19,13 @@ from tactilevision.recording.model import BallPress as BallRecord, Recording
 from tactilevision.recording.write import write_image, write_recording
 from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
-from tactilevision.synthetic.camera import Imaging, build_camera, distortion
+from tactilevision.synthetic.camera import GELSLIM3, Imaging, build_camera, distortion
 from tactilevision.synthetic.gel import BallPress, Flat
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
-from tactilevision.synthetic.scenario import (
-    DEPTH_STD_MM,
-    PlannedPress,
-    Scenario,
-    certified,
-    curves,
-    draw_scenario,
-    read_forces,
-    stream,
-    truth_of,
-)
+from tactilevision.synthetic.scenario import DEPTH_STD_MM, PlannedPress, Scenario, draw_scenario, stream
 
 _AVERAGED = 16  # frames in one reference picture
+PLASTIC_NUMBER = 1.324717957244746  # x^3 = x + 1, of Roberts' sequence R2
 
 
 def picture_still(camera: Imaging, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
@@ -47,7 +38,7 @@ def plan_balls(
 ) -> tuple[BallPress, ...]:
     """Return ball presses spread evenly over the field by the R2 sequence, radii in turn."""
     start = rng.random(2)
-    steps = np.array([0.7548776662466927, 0.5698402909980532])
+    steps = PLASTIC_NUMBER ** -np.array([1.0, 2.0])
     balls = []
     for i in range(count):
         place = ((start + i * steps) % 1.0) * 2 - 1
@@ -66,8 +57,8 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
     """Return the recording without its pictures."""
     options = scenario.options
     pictured = options.frames in _SUFFIX
-    forces = ForceSeries(*read_forces(scenario), scenario.sensor.noise_N) if pictured else None
-    gauge, measured = options.frames == "points", curves(scenario) if options.frames == "curves" else ()
+    forces = ForceSeries(*scenario.read_forces(), scenario.sensor.noise_N) if pictured else None
+    gauge, measured = options.frames == "points", scenario.curves() if options.frames == "curves" else ()
     listed = {curve.press for curve in measured}
     return Recording(
         path=folder,
@@ -82,14 +73,15 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
         indenters={f"A{i + 1}": _indenter(options, i) for i in range(len(options.indenters.heights_mm))},
         presses=tuple(_press(p) for p in scenario.presses if pictured or p.label in listed),
         forces=forces,
-        points=certified(scenario) if gauge else (),
+        points=scenario.certified() if gauge else (),
         curves=measured,
     )
 
 
 def _sensor(options: SimulationOptions, pictured: bool) -> Sensor:
     camera, gel = options.camera, options.gel
-    gelslim = camera.light_seed is None and (camera.width_px, camera.height_px) == (427, 320)
+    size = camera.width_px, camera.height_px
+    gelslim = camera.light_seed is None and size == (GELSLIM3.width_px, GELSLIM3.height_px)
     known = gel.prior_std is not None
     prior = gel.poisson_ratio if gel.prior is None else gel.prior
     pad = Gel(
@@ -168,7 +160,7 @@ def write_scenario(
     folder = Path(out)
     with output_lock(folder):
         _clear(folder)
-        write_toml(folder / TRUTH, truth_of(scenario))
+        write_toml(folder / TRUTH, scenario.truth())
         record = recording_of(folder, scenario)
         if record.forces is not None:
             cameras = _cameras(scenario) if camera is None else (camera, camera)

@@ -26,7 +26,7 @@ from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import HeightMap
 from tactilevision.robots import lerobot as statistics
 from tactilevision.robots.lerobot import STEP_MM, Annotated, annotate, base_of, read_frame, shrunk
-from tactilevision.robots.lerobot_dataset import pictures, read_dataset, rows
+from tactilevision.robots.lerobot_dataset import read_dataset
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import free, pressed, profile, saved
@@ -72,14 +72,14 @@ def encode(path: Path, times_s: Iterator[float] | list[float], size: tuple[int, 
 
 
 def test_frames_come_in_order_from_video_and_table() -> None:
-    shown = list(pictures(read_dataset(FIXTURE, TACTILE)))
+    shown = list(read_dataset(FIXTURE, TACTILE).pictures())
     assert [(row.episode.number, row.frame) for row, _ in shown] == [(0, k) for k in range(6)] + [
         (1, k) for k in range(4)
     ]
     for k, (_, rgb) in enumerate(shown):
         drawn = pressed(k - 3 if k < 6 else 0, 1.5) if PRESSED[k] else free(k % 6)
         assert np.abs(rgb.astype(int) - drawn).mean() < 3.0  # H.264 at LeRobot's own quality
-    small = [rgb for _, rgb in pictures(read_dataset(FIXTURE, WRIST))]
+    small = [rgb for _, rgb in read_dataset(FIXTURE, WRIST).pictures()]
     assert [np.unique(rgb).tolist() for rgb in small] == [[10 * k] for k in range(10)]
 
 
@@ -197,13 +197,13 @@ def test_what_is_no_such_data_set_is_told(root: Path, tmp_path: Path) -> None:
 def test_missing_frames_and_files_are_told(root: Path) -> None:
     change(root / TABLE, lambda table: pa.concat_tables([table.slice(0, 2), table.slice(3)]))
     with pytest.raises(InputError, match=r"frame 3 of episode 0, where frame 2 of episode 0 is due"):
-        list(rows(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).rows())
     change(root / TABLE, lambda table: pq.read_table(FIXTURE / TABLE).slice(0, 8))
     with pytest.raises(InputError, match=r"end before the last episode does.*episode 1"):
-        list(rows(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).rows())
     (root / TABLE).unlink()
     with pytest.raises(InputError, match=r"lacks a file.*data/chunk-000/file-000\.parquet"):
-        list(rows(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).rows())
     change(root / EPISODES, lambda table: table.slice(1))
     with pytest.raises(InputError, match="lacks an episode"):
         read_dataset(root, TACTILE)
@@ -212,7 +212,7 @@ def test_missing_frames_and_files_are_told(root: Path) -> None:
 def test_a_frame_off_the_stated_rate_is_told(root: Path) -> None:
     tell(root / "meta/info.json", fps=12)
     with pytest.raises(InputError, match=r"episode 0, frame 1: .*not at the stated rate of 12"):
-        list(rows(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).rows())
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_frame_off_the_stated_rate_is_told(root: Path) -> None:
 def test_a_video_of_another_or_variable_rate_is_told(root: Path, times: list[float], said: str) -> None:
     encode(root / VIDEO, times)
     with pytest.raises(InputError, match=said):
-        list(pictures(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).pictures())
 
 
 def test_every_cut_and_flipped_byte_is_told_or_harmless(root: Path) -> None:
@@ -241,7 +241,7 @@ def test_every_cut_and_flipped_byte_is_told_or_harmless(root: Path) -> None:
             torn[rng.integers(len(torn))] ^= 1 << rng.integers(8)
             (root / name).write_bytes(torn)
             try:
-                list(pictures(read_dataset(root, TACTILE)))
+                list(read_dataset(root, TACTILE).pictures())
             except InputError as fault:
                 said.append(str(fault))
         (root / name).write_bytes(whole)
@@ -254,7 +254,7 @@ def test_a_name_that_leads_elsewhere_is_refused(root: Path, tmp_path: Path) -> N
     (root / TABLE).unlink()
     (root / TABLE).symlink_to(tmp_path / "elsewhere.parquet")
     with pytest.raises(InputError, match="leads out of its folder"):
-        list(rows(read_dataset(root, TACTILE)))
+        list(read_dataset(root, TACTILE).rows())
 
 
 def test_nothing_is_written_where_frames_do_not_fit(root: Path, tmp_path: Path) -> None:

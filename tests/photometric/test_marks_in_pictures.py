@@ -124,10 +124,10 @@ def test_what_marks_were_filled_with_teaches_no_slope() -> None:
 def test_a_reference_that_is_followed_never_takes_marks_in() -> None:
     rng = np.random.default_rng(1)
     change = ColourChange(make_reference([with_dots(flat(rng))]))
-    before = change.level.copy()
+    before = change.maps.mean.copy()
     for _ in range(20):
         change.follow(with_dots(flat(rng), (5.0, 3.0)), 0.2)
-    taken = (before - change.level) / (before + 20.0)
+    taken = (before - change.maps.mean) / (before + 20.0)
     assert np.percentile(taken, 99) < 0.1  # a mark would take half
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball_samples import Samples, with_noise
+from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.methods.polynomial import InverseShading, Polynomial, fit_polynomial
 
 LIGHTS = np.array([[1.0, -0.4, -0.5], [0.1, 0.8, -0.7]])  # x, y by channel
@@ -57,6 +57,6 @@ def test_noise_is_looked_up_at_the_place_of_each_sample() -> None:
     corners = Samples(
         np.zeros((2, 3)), np.array([[-1.0, -1.0], [1.0, 0.34]]), np.zeros((2, 2)), np.zeros(2, np.int64)
     )
-    noise = with_noise(corners, planes).noise
+    noise = corners.with_noise(planes).noise
     assert noise is not None
     assert noise.tolist() == [planes[:, 0, 0].tolist(), planes[:, 2, 4].tolist()]

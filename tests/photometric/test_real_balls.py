@@ -23,7 +23,7 @@ from benchmarks.real_frames import real_balls
 from tactilevision.contact.region import find_contact
 from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.photometric.ball_pictures import BallPicture, collect_balls
+from tactilevision.photometric.ball_pictures import BallPicture, BallSearch
 from tactilevision.photometric.ball_samples import ball_samples, radii_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.colour_change import ColourChange
@@ -112,7 +112,7 @@ def test_a_contact_in_a_dark_corner_is_found_whole() -> None:
     """Where its brightest side fits best at first; seen by eye at (35, 215), 30 px in radius."""
     flat, shots = gelslim("gelslim_heightmap/dots1")
     few = [shot for shot in shots if shot.name in ("sample_4.jpg", "sample_5.jpg", "sample_68.jpg")]
-    balls = collect_balls(ColourChange(make_reference([flat])), few, SCALE, np.random.default_rng(0)).balls
+    balls = BallSearch(ColourChange(make_reference([flat])), few, SCALE, np.random.default_rng(0)).collect().balls
     assert balls[1] is not None
     assert balls[1].centre_px == pytest.approx((35.0, 215.0), abs=5.0)
     assert balls[1].contact_radius_px == pytest.approx(30.0, abs=4.0)

@@ -10,7 +10,7 @@ import pytest
 from each import each
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.ball_pictures import BallPicture, collect_balls, refine_balls, refined_circle
+from tactilevision.photometric.ball_pictures import BallPicture, BallSearch, refined_circle
 from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.reference import make_reference
@@ -101,9 +101,8 @@ def test_a_shift_that_all_balls_share_is_lost() -> None:
     shifted = [replace(one, centre_px=(one.centre_px[0] + 3.0, one.centre_px[1] - 2.5)) for one in true]
     change = ColourChange(make_reference([np.full((*SHAPE, 3), GREY, np.uint8)]))
     pictures = [BallPicture(frame(picture(0.02, one, hard)), RADIUS_MM) for one in true]
-    rng = np.random.default_rng(0)
-    alone = collect_balls(change, pictures, SCALE, rng, find=lambda number, *_: shifted[number])
-    seen = refine_balls(alone, change, pictures, SCALE, rng).balls
+    search = BallSearch(change, pictures, SCALE, np.random.default_rng(0))
+    seen = search.refine(search.collect(lambda number, *_: shifted[number])).balls
     off = [np.subtract(ball.centre_px, one.centre_px) for ball, one in zip(seen, true, strict=True) if ball]
     assert len(off) == len(true)
     assert np.abs(np.mean(off, axis=0)).max() < 0.4  # px; two rounds leave .8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -228,7 +229,7 @@ def test_what_is_usual_is_told_by_the_calibration() -> None:
     assert method is not None
     assert 0.2 < method.card.to_json()["baseline"]["misfit"] < 1.5
     assert 0.0002 < method.card.to_json()["baseline"]["zero_std_mm"] < 0.003
-    rough = method.with_card(method.card.extended({"baseline": {"misfit": 40.0, "zero_std_mm": 0.2}}))
+    rough = replace(method, card=method.card.extended({"baseline": {"misfit": 40.0, "zero_std_mm": 0.2}}))
     level = np.zeros(SHAPE)
     still = picture(level, level, np.random.default_rng(SEED + 7), at=((-30.0, 14.0, 18.0), *LAMPS[1:]))
     assert LIGHT not in Reconstructor(SENSOR, rough).rectified_map(still).flags

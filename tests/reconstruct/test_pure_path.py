@@ -31,7 +31,7 @@ def reader() -> Reconstructor:
     reference = make_reference([flat(rng) for _ in range(3)])
     fit = PHOTOMETRIC["polynomial"]
     method = calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=fit).method
-    return Reconstructor(SENSOR, method.with_card(dataclasses.replace(method.card, tile_px=3)))
+    return Reconstructor(SENSOR, dataclasses.replace(method, card=dataclasses.replace(method.card, tile_px=3)))
 
 
 def frames() -> list[Bytes]:

@@ -15,13 +15,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from small_recording import picture, write_small
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import OutputError
 from tactilevision.recording.model import BallPress, Recording, StageSeries
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import (
     write_curves,
     write_image,
-    write_maps,
     write_points,
     write_recording,
     write_table,
@@ -264,8 +263,3 @@ def test_times_since_1970_keep_their_fractions(tmp_path: Path) -> None:
     write_curves(tmp_path, [curve])
     rows = (tmp_path / "curves.csv").read_text().splitlines()[1:]
     assert [float(row.split(",")[1]) for row in rows] == times.tolist()
-
-
-def test_a_sensor_without_maps_has_none_to_write(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the sensor has no rectification"):
-        write_maps(tmp_path, Sensor("custom", 4, 4, (1.0, 1.0)))

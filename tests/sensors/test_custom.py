@@ -9,6 +9,7 @@ import pytest
 
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Bytes, Floats
+from tactilevision.records.rig import Sensor
 from tactilevision.sensors.rectification import (
     find_grid,
     rectify,
@@ -87,3 +88,5 @@ def test_the_maps_are_written_as_a_recording_wants_them(tmp_path: Path) -> None:
     with np.load(path, allow_pickle=False) as held:
         assert np.array_equal(held["map_x"], sensor.rectification[0])
         assert np.array_equal(held["map_y"], sensor.rectification[1])
+    with pytest.raises(InputError, match="the sensor has no rectification"):
+        save_rectification(Sensor("custom", 4, 4, (1.0, 1.0)), tmp_path / "none")

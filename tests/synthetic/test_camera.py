@@ -11,7 +11,7 @@ import pytest
 from tactilevision.records.measured import Floats
 from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera, distortion
 from tactilevision.synthetic.gel import Flat, Grid, Prescribed
-from tactilevision.synthetic.lights import Finish, gelslim_lights, random_lights, reflect, shine
+from tactilevision.synthetic.lights import Finish, gelslim_lights, random_lights, reflect
 
 REAL = Path(__file__).parents[3] / "shared" / "real" / "gelslim3_mcubelab"
 
@@ -29,7 +29,7 @@ def test_walls_facing_a_light_are_bright_and_walls_turned_away_go_dark() -> None
     axis = np.linspace(-1, 1, 5)
     pad = Grid(axis, axis)
     left = gelslim_lights()[1]  # green, from the left
-    lamp = (shine(left, pad, reference=pad),)
+    lamp = (left.shine(pad, reference=pad),)
     flat, towards, away = (
         float(
             reflect(

@@ -127,7 +127,7 @@ def test_force_during_the_dwell_is_the_law_at_the_touch(scenario: Scenario) -> N
         rows = (camera_clock > press.touch_time_s) & (camera_clock < press.touch_time_s + 1.0)
         free = (camera_clock > press.start_s) & (camera_clock < press.start_s + 0.7)
         found = readings[rows, 2].mean() - readings[free, 2].mean()
-        expected = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
+        expected = float(scenario.options.gel.force_N(press.profile, press.touch_mm)) * press.gain
         assert found == pytest.approx(expected, abs=0.006)  # four standard deviations of both means
 
 

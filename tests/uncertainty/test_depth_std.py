@@ -53,9 +53,8 @@ def test_the_sample_states_what_its_other_free_frames_show() -> None:
 def test_a_small_contact_beyond_the_balls_is_flagged_wherever_it_lies() -> None:
     method = sample_reconstructor().referenced
     assert method is not None
-    error = DepthError(
-        method.with_card(dataclasses.replace(method.card, extrapolated_gain_std=[[0.3]])), (0.02, 0.02)
-    )
+    card = dataclasses.replace(method.card, extrapolated_gain_std=[[0.3]])
+    error = DepthError(dataclasses.replace(method, card=card), (0.02, 0.02))
     assert error.every > 4
     height, width = method.reference.shape[:2]
     for row, column in np.random.default_rng(0).integers(0, (height - 4, width - 4), (200, 2)):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.files.opening import damage
 from tactilevision.files.writing import replacing
 from tactilevision.photometric.colour_change import Window
 from tactilevision.photometric.methods.polynomial import REACH
@@ -34,8 +35,9 @@ OPERATORS = frozenset(_ALLOWED.split())
 MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
 
 
+@lru_cache(maxsize=8)
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
-    """Return an onnxruntime session of the network in a file's `content`, on one core.
+    """Return an onnxruntime session of the network in a file's `content`, on one core, cached by process.
 
     Raises InputError where its hash is not `sha256`, it is no network, or it has operators not in OPERATORS.
     """
@@ -49,20 +51,16 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    try:
+    with damage(where, what="the network cannot be read"):
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as fault:  # onnxruntime has many exception types
-        raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
 
 
 def _check_operators(content: bytes, where: Path) -> None:
     import onnx
 
-    try:
+    with damage(where, what="the network cannot be read"):
         model = onnx.load_from_string(content)
         graph, largest = model.graph, _largest_step(model)
-    except Exception as fault:  # protobuf has its own exception types
-        raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
     strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
     if strange:
         raise InputError(
@@ -105,10 +103,8 @@ def run_network(session: Any, *inputs: Picture) -> Picture:
     Raises InputError where the network has other inputs.
     """
     wanted = session.get_inputs()
-    try:
+    with damage("network", what="the network does not fit its use", remedy=""):
         return np.asarray(session.run(None, {w.name: x for w, x in zip(wanted, inputs, strict=True)})[0])
-    except Exception as fault:
-        raise InputError(f"the network does not fit its use: {str(fault)[:200]}", where="network") from fault
 
 
 def require_exporter() -> None:
@@ -170,15 +166,11 @@ class Network:
 
     name = "network"
 
-    def __reduce__(self) -> tuple[type[Network], tuple[bytes, float, Path]]:
-        """Support pickling: each process opens the file itself."""
-        return Network, (self.content, self.steepest, self.source)
-
-    @property
+    @cached_property
     def sha256(self) -> str:
         return hashlib.sha256(self.content).hexdigest()
 
-    @cached_property
+    @property
     def session(self) -> Any:
         return open_bytes(self.content, self.sha256, where=self.source)
 
@@ -204,19 +196,16 @@ class NetworkEvaluator(Evaluator):
     """The network over a whole picture, strip by strip."""
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:
-        self.network, self.session, self.shape, self.content = network, network.session, shape, network.content
+        self.network, self.shape = network, shape
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))
-
-    def __reduce__(self) -> tuple[type[NetworkEvaluator], tuple[Network, tuple[int, int]]]:
-        return NetworkEvaluator, (self.network, self.shape)
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
         inputs = np.empty((1, 5, *change.shape[1:]), np.float32)
         inputs[0, :3], inputs[0, 3:] = change, self.place[:, *window]
-        slopes = run_network(self.session, inputs)[0]
+        slopes = run_network(self.network.session, inputs)[0]
         np.minimum(slopes, self.bound, out=slopes)
         np.maximum(slopes, -self.bound, out=out)
 
