@@ -14,7 +14,7 @@ import numpy as np
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
-from tactilevision.files.writing import replacing, staged, unfinished
+from tactilevision.files.writing import output_errors, replacing, unfinished
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
@@ -63,24 +63,20 @@ def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
             temporary.unlink()
             with library("rosbags.rosbag1").Writer(temporary) as bag:
                 yield _putter(bag, "ros1"), "ros1"
-    elif path.suffix == ".mcap":
-        with replacing(path) as temporary, TemporaryDirectory(prefix=unfinished(), dir=path.parent) as scratch:
-            whole = Path(scratch) / path.stem
-            with _ros2_writer(whole, "MCAP") as bag:
-                yield _putter(bag, "cdr"), "cdr"
-            (whole / path.name).replace(temporary)
-    elif path.suffix:
+    elif path.suffix not in ("", ".mcap"):
         raise OutputError("logs end in .mcap or .bag; without an ending it is a ROS 2 folder", where=path)
-    elif path.exists():
+    elif not path.suffix and path.exists():
         raise OutputError("exists already", where=path, remedy="Choose another name for the ROS 2 bag.")
     else:
-        with staged(path.parent) as stage, _ros2_writer(stage / path.name, "SQLITE3") as bag:
-            yield _putter(bag, "cdr"), "cdr"
-
-
-def _ros2_writer(folder: Path, storage: str) -> Any:
-    bags = library("rosbags.rosbag2")
-    return bags.Writer(folder, version=8, storage_plugin=bags.StoragePlugin[storage])
+        bags = library("rosbags.rosbag2")
+        storage = bags.StoragePlugin.MCAP if path.suffix else bags.StoragePlugin.SQLITE3
+        with output_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with TemporaryDirectory(prefix=unfinished(), dir=path.parent) as scratch:
+                whole = Path(scratch) / path.stem  # an MCAP file of that name in it
+                with bags.Writer(whole, version=8, storage_plugin=storage) as bag:
+                    yield _putter(bag, "cdr"), "cdr"
+                (whole / path.name if path.suffix else whole).replace(path)
 
 
 def _putter(bag: Any, encoding: str) -> Put:

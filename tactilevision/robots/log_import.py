@@ -146,7 +146,8 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         wrench = [one.stamp for one in readings]
         settings = _with_axes(stamps, wrench, log, settings)
         if settings.clock is Clock.HEADER:
-            check_clocks({settings.frames: stamps} | ({settings.wrench: wrench} if wrench else {}), log.path)
+            topics = {settings.frames: stamps} | ({settings.wrench: wrench} if settings.wrench else {})
+            check_clocks(topics, log.path)
         origin_ns = first_ns([*stamps, *wrench], settings.clock)
         frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
         order = np.argsort(frame_s, kind="stable")
