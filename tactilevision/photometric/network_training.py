@@ -111,8 +111,8 @@ def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, 
         pixels = pixels[torch.randperm(len(pixels))[:most]]
     shot, row, column = pixels.numpy().T
     values = stack.double().numpy()[shot, :, row, column]
-    place = places_of(column + box[1].start, row + box[0].start, rgb.shape[:2])
-    return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))
+    at = places_of(column + box[1].start, row + box[0].start, rgb.shape[:2])
+    return Samples(values[:, :3], at, values[:, 3:5], np.full(len(pixels), number))
 
 
 def fit_network(

@@ -20,7 +20,7 @@ from tactilevision.records.measured import Floats
 from tactilevision.synthetic.camera import CameraOptions
 from tactilevision.synthetic.options import FAULTS, GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.scenario import PlannedPress, Scenario, draw_scenario, read_forces
+from tactilevision.synthetic.scenario import PlannedPress, Scenario, draw_scenario
 from tactilevision.synthetic.simulation import frame_times, simulate
 
 SMALL = SimulationOptions(
@@ -121,7 +121,7 @@ def test_touch_time_is_when_the_face_has_reached_the_touch_depth(scenario: Scena
 
 
 def test_force_during_the_dwell_is_the_law_at_the_touch(scenario: Scenario) -> None:
-    time_s, readings = read_forces(scenario)
+    time_s, readings = scenario.read_forces()
     camera_clock = time_s - scenario.clock_offset_s
     for press in (p for p in scenario.presses if not p.fault):
         rows = (camera_clock > press.touch_time_s) & (camera_clock < press.touch_time_s + 1.0)
@@ -132,7 +132,7 @@ def test_force_during_the_dwell_is_the_law_at_the_touch(scenario: Scenario) -> N
 
 
 def test_every_fault_is_there_in_the_data(scenario: Scenario) -> None:
-    time_s, readings = read_forces(scenario)
+    time_s, readings = scenario.read_forces()
     by_label = {press.label: times for press, times in frame_times(scenario)}
 
     def during(press: PlannedPress) -> Floats:
