@@ -101,11 +101,7 @@ def find_ball(
 
     def refined(guess: Circle) -> Ball:
         (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
-        _check_size(
-            radius,
-            radius_mm / mm_per_px[0],
-            stated=f"ball_radius_mm = {radius_mm:g}, mm_per_px = {mm_per_px[0]:.3g}",
-        )
+        search.check_size(radius)
         start = x, y, min(radius, most_px)
         ball = search.fit(start)
         if ball.contact_radius_px > most_px:
@@ -121,23 +117,6 @@ def find_ball(
             equalised = refined(first_guess(np.asarray(change / np.maximum(top, TINY), np.float32), usable))
             ball = min(ball, equalised, key=lambda fit: fit.residual)
     return ball
-
-
-def _check_size(contact_px: float, ball_px: float, *, stated: str) -> None:
-    """Raise InputError where a ball of radius `ball_px` cannot make a contact of radius `contact_px`."""
-    most_px = MAX_RADIUS_SHARE * ball_px
-    remedy = "ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame."
-    if most_px < MIN_RADIUS_PX:
-        what = f"a ball of {ball_px:.2g} px in radius is too small to be read"
-        remedy = SCALE_REMEDY
-    elif contact_px < MIN_RADIUS_PX:
-        what = f"a contact of {contact_px:.2g} px in radius is too small to be read"
-    elif contact_px > MAX_GUESS_SHARE * most_px:
-        what, remedy = "the contact is as wide as the whole ball", SCALE_REMEDY
-        stated = f"{contact_px:.0f} px in radius, the ball {ball_px:.2g} px by {stated}"
-    else:
-        return
-    raise InputError(what, where="ball press", value=stated, remedy=remedy)
 
 
 def first_guess(change: Array, usable: Bools | None = None) -> Circle:
@@ -172,6 +151,24 @@ class _Search:
     mm_per_px: Pair
     radius_mm: float
     usable: Bools | None
+
+    def check_size(self, contact_px: float) -> None:
+        """Raise InputError where the ball cannot make a contact of radius `contact_px`."""
+        ball_px = self.radius_mm / self.mm_per_px[0]
+        stated = f"ball_radius_mm = {self.radius_mm:g}, mm_per_px = {self.mm_per_px[0]:.3g}"
+        most_px = MAX_RADIUS_SHARE * ball_px
+        remedy = "ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame."
+        if most_px < MIN_RADIUS_PX:
+            what = f"a ball of {ball_px:.2g} px in radius is too small to be read"
+            remedy = SCALE_REMEDY
+        elif contact_px < MIN_RADIUS_PX:
+            what = f"a contact of {contact_px:.2g} px in radius is too small to be read"
+        elif contact_px > MAX_GUESS_SHARE * most_px:
+            what, remedy = "the contact is as wide as the whole ball", SCALE_REMEDY
+            stated = f"{contact_px:.0f} px in radius, the ball {ball_px:.2g} px by {stated}"
+        else:
+            return
+        raise InputError(what, where="ball press", value=stated, remedy=remedy)
 
     def fit(self, start: Circle, most_px: float = np.inf) -> Ball:
         """Fit centre and contact radius, at most `most_px`, in a window that follows the circle until it stays.

@@ -5,12 +5,13 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
+import math
 import zipfile
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 import cv2
 
@@ -26,12 +27,10 @@ from tactilevision.force.nodes import lay_grid
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.storage import pack_method, unpack_method
 from tactilevision.profile.model import Followed, Profile
-from tactilevision.recording import layout
 from tactilevision.recording.images import decode_image
-from tactilevision.recording.read import indenter_of
-from tactilevision.recording.sensor import gel_of, maps_of
+from tactilevision.recording.sensor import maps_of
 from tactilevision.records.measured import Material
-from tactilevision.records.rig import Indenter, Sensor
+from tactilevision.records.rig import Gel, Indenter, Sensor
 from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
@@ -67,7 +66,8 @@ def hash_of_bytes(content: bytes) -> str:
 
 _MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
-SETTINGS = ("width_px", "height_px", "mm_per_px", "has_markers", "white_level", "gel")  # as in recording.toml
+_WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
+T = TypeVar("T")
 
 
 def read_profile(path: Path | str) -> Profile:
@@ -150,8 +150,7 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
     missing = [name for name in NEEDED if name not in files]
     if missing:
         raise InputError(f"the profile lacks {missing[0]}", where=path, remedy=_AGAIN)
-    sensor, indenters, white_level = _rig(about, files, path)
-    width_px, height_px = map(index, about["sensor"]["frame_size_px"])
+    sensor, frame_size_px, white_level = _sensor(about, files, path)
     card = MethodCard.from_json(parse_json(files[CARD], where=f"{path}, {CARD}"))
     method = unpack_method(card, files[METHOD], files.get(NETWORK), where=path / METHOD)
     untouched = decode_image(files[UNTOUCHED], path / UNTOUCHED)
@@ -168,7 +167,7 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         sensor,
         method,
         untouched,
-        (width_px, height_px),
+        frame_size_px,
         datetime.date.fromisoformat(str(about["date"])).isoformat(),
         _followed(about["sensor"]["followed"], path),
         str(about.get("source", "")),
@@ -176,36 +175,33 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         calibration,
         _compliance(files, sensor, calibration, path),
         _face_law(files, FACE_LAW, path),
-        indenters,
+        {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
         {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
         tuple(str(one) for one in about.get("warnings", ())),
         path,
     )
 
 
-def _rig(
+def _sensor(
     about: Mapping[str, Any], files: Mapping[str, bytes], path: Path
-) -> tuple[Sensor, dict[str, Indenter], float | None]:
-    """Return sensor, indenters and white level, checked as those of a recording.toml."""
-    from tactilevision.recording.settings import check_settings  # takes a while to load
-
-    bodies = {
-        name: {key: value for key, value in one.items() if key != "name"}
-        for name, one in about["indenters"].items()
-    }
-    stated = {key: about["sensor"].get(key) for key in SETTINGS}
-    settings, _ = check_settings({"format": layout.FORMAT, "sensor": stated, "indenter": bodies}, path)
-    known: Any = settings.sensor
+) -> tuple[Sensor, tuple[int, int], float | None]:
+    stated = about["sensor"]
+    width, height, *frame = map(index, (stated["width_px"], stated["height_px"], *stated["frame_size_px"]))
+    scale = [_number(one, "mm_per_px", path) for one in stated["mm_per_px"]]
+    if not all(one > 0 for one in scale):
+        raise InputError("mm_per_px must be above 0", where=path, value=scale)
     maps = None
     if MAPS in files:
         maps = maps_of(unpack_arrays(files[MAPS], where=path / MAPS), path / MAPS)
-        if maps[0].shape != (known.height_px, known.width_px):
+        if maps[0].shape != (height, width):
             raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
-    kind, serial, scale = str(about["kind"]), str(about["serial"]), tuple(known.mm_per_px)
-    size, gel = (known.width_px, known.height_px), gel_of(known.gel)
-    sensor = Sensor(kind, *size, scale, gel, maps, known.has_markers, serial)
-    indenters = {name: indenter_of(name, one) for name, one in settings.indenter.items()}
-    return sensor, indenters, known.white_level
+    gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
+    if gel is not None and not gel.thickness_mm > 0:
+        raise InputError("a gel's thickness must be above 0 mm", where=path, value=gel.thickness_mm)
+    white = stated.get("white_level")
+    kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
+    sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)
+    return sensor, (frame[0], frame[1]), None if white is None else _number(white, "white_level", path)
 
 
 def _compliance(
@@ -230,6 +226,22 @@ def _face_law(files: Mapping[str, bytes], name: str, path: Path) -> DepthScale |
     coefficients = tuple(_number(one, "a coefficient", path) for one in content["coefficients"])
     low, high = (_number(one, "a limit", path) for one in content["limits_mm"])
     return DepthScale(coefficients, (low, high), _number(content["scatter"], "the scatter", path))
+
+
+def _indenter(content: Mapping[str, Any], path: Path) -> Indenter:
+    found = _record(Indenter, content, path)
+    return replace(found, radius_mm=math.nan) if content.get("radius_mm") is None else found
+
+
+def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T:
+    """Return a record of numbers and words; pairs are lists in the file."""
+    for key, value in content.items():
+        for one in value if isinstance(value, list) else [value]:
+            if one is not None and (key in _WORDS) != isinstance(one, str):
+                raise InputError(f"{key} has the wrong type", where=path, value=one)
+            if key not in _WORDS:
+                number(one, what=key, where=path)
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
 
 
 def _json(files: Mapping[str, bytes], name: str, path: Path) -> dict[str, Any] | None:

@@ -238,7 +238,7 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
     settings, news = check_settings(content, toml)
     missing = {key: value for key, value in (sensor or {}).items() if getattr(settings.sensor, key) is None}
     settings = settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
-    indenters = {name: indenter_of(name, table) for name, table in settings.indenter.items()}
+    indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
     recording = Recording(
         path=root,
         name=settings.name or root.resolve().name,
@@ -403,7 +403,6 @@ def _extra(table: Table) -> dict[str, Columns]:
     return {table.path.name: table.extra} if table.extra else {}
 
 
-def indenter_of(name: str, settings: IndenterSettings) -> Indenter:
-    """Return the indenter of a checked table."""
+def _indenter(name: str, settings: IndenterSettings) -> Indenter:
     found = settings.model_dump(include=set(Indenter.__dataclass_fields__) - {"name"}, exclude_none=True)
     return Indenter(name=name, **found)

@@ -46,7 +46,7 @@ def build_sensor(
     stated = _stated_size(settings, straight, toml)
     given: dict[str, Any] = {
         "serial": settings.serial,
-        "gel": gel_of(settings.gel),
+        "gel": _gel(settings.gel),
         "rectification": maps,
         "has_markers": settings.has_markers,
     }
@@ -171,8 +171,7 @@ def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) ->
     return (stated[0], stated[1]) if stated[0] is not None and stated[1] is not None else None
 
 
-def gel_of(settings: GelSettings | None) -> Gel | None:
-    """Return the gel of a checked table; None without one."""
+def _gel(settings: GelSettings | None) -> Gel | None:
     if settings is None:
         return None
     found = settings.model_dump(include=set(Gel.__dataclass_fields__))
