@@ -66,8 +66,8 @@ def ball_warnings(
 ) -> list[str]:
     """Return what is wrong with the balls of a fit: labels, scale, places, lights, radii, single outliers.
 
-    `cover` (2,) as of `coverage_warnings`, `unsure` as of `odd_balls`. A contact in the reference, `contact_px`,
-    explains all but the labels.
+    `cover` (2,) is the share of width and height that they span, `unsure` as of `odd_balls`. A contact in the
+    reference at `contact_px` (x, y in px) explains all but the labels.
     """
     labels = label_warnings([(one.centre_px, one.contact_radius_px) for one in pictures], balls)
     if contact_px is not None:
