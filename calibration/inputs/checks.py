@@ -138,6 +138,8 @@ def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
 
 def _gel(data: Observations) -> Iterator[InputError]:
     gel = data.gel
+    if not 0 < gel.thickness_mm < np.inf:
+        yield InputError("the gel's thickness must be above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
     if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
         yield InputError(
             "Poisson's ratio lies in [0, 0.5)",
@@ -156,6 +158,8 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
             value=indenter.shape,
             remedy="Exclude its presses; `calibrate` fits balls and cones where there is no flat cylinder.",
         )
+    if shape != "cone" and not 0 < radius < np.inf:
+        yield InputError("an indenter's radius must be above 0 mm", where=where, value=radius)
     half = half_width(data)
     if shape == "flat_cylinder" and half is not None and radius >= half:
         yield InputError(

@@ -88,8 +88,10 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 def read_frames(scratch: Path, fields: Sequence[str]) -> dict[str, Singles]:
     """Return the fields (frames, rows, columns) of a store, in their unit; NaN for unwritten frames."""
+    import zarr
+
     with _own_threads():
-        group = _zarr().open_group(str(scratch), mode="r")
+        group = zarr.open_group(str(scratch), mode="r")
         return {name: np.asarray(group[name][:]) for name in fields}
 
 
