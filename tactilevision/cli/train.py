@@ -29,7 +29,6 @@ from tactilevision.press.certified_faces import (
     read_certified,
     scale_warning,
     with_scatter,
-    with_walls,
 )
 from tactilevision.press.step_validation import flat_steps
 from tactilevision.profile.ball_guide import Guide, Session, start_table
@@ -100,7 +99,7 @@ def _trained(source: Recording, made: Reconstructor, licence: str) -> Calibrated
     assert kept is not None
     if certified:
         with console.progress_bar("learning walls"):
-            kept = with_walls(kept, sources.taught(source, made, certified)[0].taught)
+            kept = replace(kept, walls=sources.taught(source, made, certified)[0].taught)
     if kept.walls is not None:
         known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"

@@ -13,7 +13,7 @@ from tactilevision.press.force_readings import ForceWindow, contact_point, find_
 from tactilevision.press.track import PressTrack
 from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Indenter
-from tactilevision.robust import mad_std
+from tactilevision.robust import MAD_TO_STD, mad_std
 
 # The contact event: first touch of the bevel, as it was certified.
 
@@ -97,15 +97,20 @@ class DepthOfForce:
 
 def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
     """Return c and b by a robust fit to (depth, force) anchors; b is 0 where all depths are similar."""
-    from scipy.stats import theilslopes
-
     usable = np.array([a for a in anchors if a[0] > 0 and a[1] > 0])
     if not len(usable):
         return None
     depth, stiffness = usable[:, 0], usable[:, 1] / usable[:, 0]
     if np.ptp(depth) < 0.25 * depth.max():
         return DepthOfForce(float(np.median(stiffness)), 0.0)
-    slope, start, *_ = (float(value) for value in theilslopes(stiffness, depth))
+    keep = np.ones(depth.size, dtype=bool)
+    slope, start = 0.0, float(np.median(stiffness))
+    for _ in range(5):  # touches that are seen late by compression lie on one side: no median slope
+        slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
+        residual = np.abs(stiffness - start - slope * depth)
+        keep = residual <= max(3 * MAD_TO_STD * float(np.median(residual)), 1e-9)
+        if keep.sum() < 3:
+            break
     return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
 
 

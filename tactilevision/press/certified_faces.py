@@ -16,7 +16,6 @@ from tactilevision.files.documents import cell_text, read_text
 from tactilevision.files.opening import read_cells
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
-from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.certified import TaughtWalls
@@ -301,12 +300,6 @@ def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> Recons
     """
     lesson = teach([one.wall_face for one in faces if one.wall_face is not None])
     return reader if lesson is None else reader.varied(taught=lesson)
-
-
-def with_walls(method: CalibratedMethod, walls: TaughtWalls | None) -> CalibratedMethod:
-    """Return the method with its reader's correction of `walls`; unchanged where it has that already."""
-    known = method.walls
-    return method if walls == known else replace(method, walls=walls)
 
 
 def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:

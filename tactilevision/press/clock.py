@@ -332,7 +332,7 @@ def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
     scatter = float(np.std(gain, ddof=1)) * np.sqrt(gain.size) if gain.size > 1 else 0.0
     best = fading if gain.sum() - _AGREEMENT_SIGMA * scatter > needed else plain
     std = max(best.std_s, 1e-4)
-    return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
+    return Estimate.normal(best.offset_s, std, "s")
 
 
 def stated_offset_warnings(

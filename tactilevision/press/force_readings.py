@@ -52,11 +52,6 @@ class Tare:
     def known(self) -> bool:
         return self.before_N is not None or self.after_N is not None
 
-    @property
-    def drift_N(self) -> Floats | None:
-        """Return the zero after minus that before (3,)."""
-        return None if self.before_N is None or self.after_N is None else self.after_N - self.before_N
-
 
 def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
     """Return the zero of a press in contact during `contact_s`, with free gel in the rest of `free_s`."""

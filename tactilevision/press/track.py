@@ -396,8 +396,7 @@ def allow_for_repeats(offset: Estimate, share: float, *, times_s: Floats) -> tup
         return offset, ()
     interval = float(np.median(np.diff(times_s)))
     std = float(np.hypot(offset.std or 0.0, interval))
-    wide = replace(offset, std=std, interval95=(offset.value - 1.96 * std, offset.value + 1.96 * std))
-    return wide, (
+    return Estimate.normal(offset.value, std, "s"), (
         f"The video is so strongly compressed that {100 * share:.0f} % of a frame is copied from the one before: "
         f"it may lag by a frame, and the clocks' uncertainty was widened by {1e3 * interval:.0f} ms.",
     )

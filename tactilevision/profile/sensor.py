@@ -291,8 +291,6 @@ def make_profile(
     E and nu are known its compliance is computed, which takes half a minute near free sides. Raises InputError
     where the method has no reference, or E and nu are not fixed.
     """
-    from tactilevision.press.certified_faces import with_walls  # takes a while to load
-
     method, picture, sensor = reconstructor.referenced, untouched_frame(recording), recording.sensor
     if method is None or picture is None or recording.frame_size_px is None:
         raise InputError(
@@ -305,7 +303,7 @@ def make_profile(
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
-        with_walls(method, reconstructor.taught),
+        replace(method, walls=reconstructor.taught),
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),

@@ -77,8 +77,9 @@ def test_zero_that_drifts_is_taken_between_before_and_after() -> None:
     tare = find_tare(series, (3.9, 6.1), free_s=(0.0, 10.0))
     assert tare.known
     assert tare.at(np.array([5.0]))[0] == pytest.approx([0.1, -0.19, 0.35], abs=0.004)
-    assert tare.drift_N is not None
-    assert tare.drift_N[2] == pytest.approx(0.01 * (tare.after_s - tare.before_s), abs=0.004)
+    assert tare.before_N is not None
+    assert tare.after_N is not None
+    assert tare.after_N[2] - tare.before_N[2] == pytest.approx(0.01 * (tare.after_s - tare.before_s), abs=0.004)
     only_before = find_tare(series, (3.9, 6.1), free_s=(0.0, 6.0))
     assert only_before.after_N is None
     assert only_before.at(np.array([5.0]))[0][2] == pytest.approx(0.33, abs=0.01)

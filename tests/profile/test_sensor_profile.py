@@ -17,7 +17,7 @@ from lamp_sensor import GEL, PUNCH, SHAPE, flat, free, method, picture, pressed,
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.press.certified_faces import DepthScale, with_walls
+from tactilevision.press.certified_faces import DepthScale
 from tactilevision.profile.model import Seen, SeenBatch
 from tactilevision.profile.sensor import CalibratedSensor, load_sensor, stated_material
 from tactilevision.profile.storage import read_profile, write_profile
@@ -178,15 +178,6 @@ def test_what_faces_taught_of_walls_is_kept_and_used(tmp_path: Path) -> None:
     assert getattr(read_profile(there).method, "walls", None) == taught.walls
     assert load_sensor(there).reconstructor.taught == taught.walls
     assert load_sensor(saved(tmp_path)).reconstructor.taught is None
-
-
-def test_a_method_keeps_what_its_reader_knows_of_walls() -> None:
-    known = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
-    bare, taught = method(), replace(method(), walls=known)
-    assert with_walls(bare, None) is bare
-    assert with_walls(taught, known) is taught
-    assert getattr(with_walls(bare, known), "walls", None) == known
-    assert getattr(with_walls(taught, None), "walls", known) is None
 
 
 def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:
