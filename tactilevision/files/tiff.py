@@ -26,13 +26,7 @@ def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth in
     """
     import tifffile
 
-    about = {
-        "quantity": quantity,
-        "unit": "mm",
-        "mm_per_px": list(height.mm_per_px),
-        "positions": height.positions,
-        "flags": list(height.flags),
-    }
+    about = {"quantity": quantity, "unit": "mm"} | metadata(height)
     with replacing(path) as temporary:
         tifffile.imwrite(
             temporary,
@@ -88,6 +82,11 @@ def _scale(about: dict[str, Any], path: Path) -> Pair | None:
     except (ValueError, TypeError, KeyError):
         return None
     return None if x is None or y is None else (x, y)
+
+
+def metadata(height: HeightMap) -> dict[str, Any]:
+    """Return what a file states of a map (H, W): its scale, positions and flags."""
+    return {"mm_per_px": list(height.mm_per_px), "positions": height.positions, "flags": list(height.flags)}
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.files.tiff import masked
+from tactilevision.files.tiff import masked, metadata
 from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
 
@@ -34,14 +34,8 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         fields["std_mm"] = height.std_mm.astype(np.float32)
     path = Path(path)
     scratch = path.with_name(f"{unfinished()}{path.name}")
-    about = {
-        "mm_per_px": list(height.mm_per_px),
-        "name": height.name,
-        "positions": height.positions,
-        "flags": list(height.flags),
-    }
     with output_errors(path):
-        group = _new_group(scratch, about)
+        group = _new_group(scratch, {"name": height.name} | metadata(height))
         for name, values in fields.items():
             array = group.create_array(
                 name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan
