@@ -99,21 +99,6 @@ def decode_wrench(message: Message, where: Path) -> WrenchReading:
     return WrenchReading(_stamp(found, message), force, torque)
 
 
-def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Floats]]:
-    """Return for each transform the frame, its parent, and the unit quaternion (4,) x, y, z, w, dimensionless.
-
-    Raises as `decode_wrench`.
-    """
-    return [
-        (
-            one.child_frame_id.lstrip("/"),
-            one.header.frame_id.lstrip("/"),
-            np.array([getattr(one.transform.rotation, axis) for axis in "xyzw"], float),
-        )
-        for one in _decoded(message, (TRANSFORMS,), where).transforms
-    ]
-
-
 def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:
     place = f"{where}, {message.topic}"
     if message.kind not in kinds or message.encoding not in ("ros1", "cdr"):
@@ -248,7 +233,9 @@ def fixed_rotation(log: Log, of: str, into: str) -> Floats | None:
     """
     tree = _Tree()
     for message in log.messages(TOPICS):
-        for child, parent, quaternion in decode_transforms(message, log.path):
+        for one in _decoded(message, (TRANSFORMS,), log.path).transforms:
+            child, parent = (name.lstrip("/") for name in (one.child_frame_id, one.header.frame_id))
+            quaternion = np.array([getattr(one.transform.rotation, axis) for axis in "xyzw"], float)
             if not abs(float(np.linalg.norm(quaternion)) - 1.0) < UNIT:
                 where = f"{log.path}, {message.topic}"
                 raise InputError(
