@@ -112,15 +112,13 @@ def read_ball_folder(
     RecordingError as `read_folder` does, and for ball presses without a picture of the untouched gel.
     """
     root = Path(path)
-    if is_gs_sdk_folder(root):
-        return _of_gs_sdk(root, sensor, reference or root / UNTOUCHED, mm_per_px)
-    place = place_of_balls(root)
-    if place is None and ball_radius_mm is None:
+    collected = is_gs_sdk_folder(root)
+    place = None if collected else place_of_balls(root)
+    if place is None and ball_radius_mm is None and not collected:
         return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     folder, table = place or (root, root / TABLE)
-    flats = reference
-    if flats is None and (folder.parent / FLAT).is_dir():
-        flats = folder.parent / FLAT
+    usual = root / UNTOUCHED if collected else folder.parent / FLAT
+    flats = reference or (usual if collected or usual.is_dir() else None)
     found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px, guess=True)
     if found.flat_frames:
         raise RecordingError(
@@ -130,20 +128,13 @@ def read_ball_folder(
         )
     if table.is_file():
         balls, notes = read_balls(folder, table)
+    elif collected:
+        balls, notes = read_catalogue(root)
+        if found.sensor.rectification is not None:
+            balls = tuple(replace(ball, centre_px=None, contact_radius_px=None) for ball in balls)
+            notes += ("labels of gs_sdk are ignored: they are not in the rectified frame",)
     else:
         balls, notes = _alike(folder, found, ball_radius_mm), ()
-    return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
-
-
-def _of_gs_sdk(
-    root: Path, sensor: Sensor | Path | str | None, reference: Path | str, mm_per_px: float | None
-) -> Recording:
-    """Read presses as gs_sdk collected them; labels in a ball.csv in the folder take precedence."""
-    found = read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
-    balls, notes = read_balls(root, root / TABLE) if (root / TABLE).is_file() else read_catalogue(root)
-    if found.sensor.rectification is not None and not (root / TABLE).is_file():
-        balls = tuple(replace(ball, centre_px=None, contact_radius_px=None) for ball in balls)
-        notes += ("labels of gs_sdk are ignored: they are not in the rectified frame",)
     return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
 
 

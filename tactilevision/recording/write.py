@@ -78,24 +78,23 @@ def write_curves(folder: Path | str, curves: Sequence[Curve]) -> None:
     for axis, name in enumerate(("fx_N", "fy_N", "fz_N")):
         columns[name] = _joined(curve.force_N[:, axis] for curve in curves)
     columns["phase"] = _joined(curve.phase for curve in curves)
-    if any(curve.z_mm is not None for curve in curves):
-        columns["z_mm"] = _joined(np.full(len(c.time_s), np.nan) if c.z_mm is None else c.z_mm for c in curves)
-    for name in dict.fromkeys(name for curve in curves for name in curve.extra):
+    columns["z_mm"] = _joined(
+        [None] * n if c.z_mm is None else c.z_mm for c, n in zip(curves, counts, strict=True)
+    )
+    extra = dict.fromkeys(name for curve in curves for name in curve.extra)
+    for name in extra:
         columns[name] = _joined(c.extra.get(name, [""] * n) for c, n in zip(curves, counts, strict=True))
-    if not any(columns["phase"]):
-        del columns["phase"]
-    write_table(Path(folder) / layout.CURVES, columns)
+    write_table(Path(folder) / layout.CURVES, _without_empty(columns, (*layout.CURVE_COLUMNS.required, *extra)))
 
 
 def write_balls(folder: Path | str, balls: Sequence[BallPress]) -> None:
     """Write reference/ball.csv; the pictures go into reference/ball."""
-    nowhere = (math.nan, math.nan)
     columns: dict[str, Any] = {
         "frame": [ball.name for ball in balls],
         "ball_radius_mm": [ball.ball_radius_mm for ball in balls],
-        "centre_x_px": [(ball.centre_px or nowhere)[0] for ball in balls],
-        "centre_y_px": [(ball.centre_px or nowhere)[1] for ball in balls],
-        "contact_radius_px": [math.nan if b.contact_radius_px is None else b.contact_radius_px for b in balls],
+        "centre_x_px": [(ball.centre_px or (None, None))[0] for ball in balls],
+        "centre_y_px": [(ball.centre_px or (None, None))[1] for ball in balls],
+        "contact_radius_px": [ball.contact_radius_px for ball in balls],
     }
     write_table(Path(folder) / layout.BALL_TABLE, _without_empty(columns, layout.BALL_COLUMNS.required))
 
