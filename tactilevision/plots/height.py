@@ -234,8 +234,8 @@ def _contours(axes: Axes, height: HeightMap, count: int, **look: Any) -> None:
     """Draw so many contours of the depth, none at 0, which would trace the noise."""
     top = float(np.max(height.depth_mm, where=height.valid, initial=0.0))
     if top > FLAT_MM:
-        levels, known = np.linspace(0, top, count + 2)[1:-1], np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(known, levels, colors="white", extent=extent_mm(height), origin="upper", **look)
+        levels = np.linspace(0, top, count + 2)[1:-1]
+        axes.contour(known_mm(height), levels, colors="white", extent=extent_mm(height), origin="upper", **look)
         style.outlined_entry(axes, "contours of the depth")
 
 
@@ -341,8 +341,7 @@ def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
         entries.append(Patch(color=style.INVALID, label="depth not known"))
     top = float(np.max(height.depth_mm, where=height.valid, initial=0.0))
     if top > 0:
-        depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        extent = extent_mm(height)
+        depth, extent = known_mm(height), extent_mm(height)
         axes.contour(depth, [DEEP * top], colors="black", linewidths=LOOK.line, extent=extent, origin="upper")
         entries.append(Line2D([], [], color="black", lw=LOOK.line, label="half of the greatest depth"))
     scale_bar(axes, height, colour="black")

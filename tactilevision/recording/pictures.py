@@ -156,11 +156,6 @@ def find_flats(root: Path) -> tuple[Path, ...]:
     return tuple(folder / name for name in list_images(folder))
 
 
-def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """Read ball presses with their table; return them and warnings."""
-    return read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
-
-
 def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
     """Read the ball presses in a folder by the table at `path`.
 

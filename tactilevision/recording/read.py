@@ -105,12 +105,11 @@ def doubts(recording: Recording) -> Iterator[str]:
 
 
 def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
-    copies = sum(_repeated(curve) for curve in recording.curves)
+    copies = {curve.press: count for curve in recording.curves if (count := _repeated(curve))}
     if copies:
-        where = some([curve.press for curve in recording.curves if _repeated(curve)])
         yield (
-            f"{layout.CURVES}: {copies} rows repeat the row before them, in press {where}: copies hold no "
-            "information and narrow the intervals. Remove them"
+            f"{layout.CURVES}: {sum(copies.values())} rows repeat the row before them, in press "
+            f"{some(list(copies))}: copies hold no information and narrow the intervals. Remove them"
         )
     with_rows = {curve.press for curve in recording.curves}
     without = [press.press for press in recording.presses if press.press not in with_rows]
@@ -297,10 +296,13 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         names, times, extra = tuple(table.words["frame"]), table.numbers["time_s"], _extra(table)
         warnings += table.warnings
     else:
-        names, times, warnings = _unlisted(frames_path)
+        names = pictures.frame_names(frames_path)
+        times = np.full(len(names), np.nan)
+        said = "frames are read in the order of their names, without times"
+        warnings = (f"{layout.FRAME_TABLE} is missing: {said}",)
     white = settings.sensor.white_level
     flats = pictures.find_flats(root)
-    balls, ball_notes = pictures.find_balls(root)
+    balls, ball_notes = pictures.read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
     looked = (frames_path, names) if frames_path else _light_alone(root, flats, balls)
     size, seen = pictures.first_look(*looked, white_level=white) if looked else (None, ())
     sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
@@ -350,7 +352,8 @@ def _check_no_frames_needed(recording: Recording) -> None:
                 where=folder,
                 remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
             )
-        pictures.find_balls(root)  # raises for ball presses without their table
+        # raises for ball presses without their table
+        pictures.read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
         raise RecordingError(
             "the recording holds neither frames nor curves nor points",
             where=root,
@@ -366,12 +369,6 @@ def _is_calibration(root: Path) -> bool:
 def _named(root: Path, *names: str) -> bool:
     """Return whether one of these is in the folder, even a pipe or a broken link: its reader reports it."""
     return any(os.path.lexists(root / name) for name in names)
-
-
-def _unlisted(frames_path: Path) -> tuple[tuple[str, ...], npt.NDArray[np.float64], tuple[str, ...]]:
-    names = pictures.frame_names(frames_path)
-    warning = f"{layout.FRAME_TABLE} is missing: frames are read in the order of their names, without times"
-    return names, np.full(len(names), np.nan), (warning,)
 
 
 def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Recording:

@@ -43,17 +43,16 @@ def build_sensor(
         else read_maps(inside(toml.parent, settings.rectification, where=toml))
     )
     straight = (maps[0].shape[1], maps[0].shape[0]) if maps else frame_size_px
-    stated = _stated_size(settings, straight, toml)
+    width_px, height_px = _stated_size(settings, straight, toml) or (None, None)
     given: dict[str, Any] = {
         "serial": settings.serial,
         "gel": _gel(settings.gel),
         "rectification": maps,
         "has_markers": settings.has_markers,
+        "mm_per_px": None if settings.mm_per_px is None else tuple(settings.mm_per_px),
+        "width_px": width_px,
+        "height_px": height_px,
     }
-    if settings.mm_per_px is not None:
-        given["mm_per_px"] = (settings.mm_per_px[0], settings.mm_per_px[1])
-    if stated is not None:
-        given["width_px"], given["height_px"] = stated
     given = {name: value for name, value in given.items() if value is not None}
     doubts = _doubts_of_maps(maps, frame_size_px) if maps and frame_size_px else ()
     if settings.kind is None or settings.kind == "custom":
@@ -63,8 +62,7 @@ def build_sensor(
 
 
 def _custom(given: dict[str, Any], settings: SensorSettings, toml: Path, frame_size_px: Size | None) -> Sensor:
-    wanted = {"mm_per_px": settings.mm_per_px, "width_px": settings.width_px, "height_px": settings.height_px}
-    missing = [name for name, value in wanted.items() if value is None]
+    missing = [name for name in ("mm_per_px", "width_px", "height_px") if getattr(settings, name) is None]
     if missing and frame_size_px is not None:
         raise RecordingError(
             f"[sensor] {missing[0]} is missing; a custom sensor needs it to read the frames",
@@ -176,7 +174,7 @@ def _gel(settings: GelSettings | None) -> Gel | None:
         return None
     found = settings.model_dump(include=set(Gel.__dataclass_fields__))
     guess = "disc" if settings.radius_mm else "rectangle" if settings.size_mm else "unbounded"
-    size = None if settings.size_mm is None else (settings.size_mm[0], settings.size_mm[1])
+    size = None if settings.size_mm is None else tuple(settings.size_mm)
     return Gel(**(found | {"shape": settings.shape or guess, "size_mm": size}))
 
 

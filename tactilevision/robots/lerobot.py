@@ -138,18 +138,12 @@ def statistics_of_values(values: Floats) -> Stats:
 
 def pooled_statistics(episodes: Sequence[Stats]) -> Stats:
     """Pool the statistics of episodes, weighted by their frames, in their unit and shape, as (1,)."""
-    counts = np.array([float(one["count"][0]) for one in episodes])
-
-    def mean(name: str) -> Floats:
-        return np.asarray(np.average(np.stack([one[name] for one in episodes]), axis=0, weights=counts))
-
-    middle = mean("mean")
-    variance = np.average(
-        [one["std"] ** 2 + (one["mean"] - middle) ** 2 for one in episodes], axis=0, weights=counts
-    )
-    found = {"min": np.min([one["min"] for one in episodes], axis=0)}
-    found |= {"max": np.max([one["max"] for one in episodes], axis=0), "mean": middle, "std": np.sqrt(variance)}
-    return found | {name: mean(name) for name in QUANTILES} | {"count": np.array([int(counts.sum())])}
+    every = {name: np.stack([one[name] for one in episodes]) for name in episodes[0]}
+    counts = every["count"][:, 0]
+    means = {name: np.average(every[name], axis=0, weights=counts) for name in ("mean", *QUANTILES)}
+    variance = np.average(every["std"] ** 2 + (every["mean"] - means["mean"]) ** 2, axis=0, weights=counts)
+    found = {"min": every["min"].min(axis=0), "max": every["max"].max(axis=0), "mean": means["mean"]}
+    return found | {"std": np.sqrt(variance)} | means | {"count": np.array([int(counts.sum())])}
 
 
 def statistics_as_json(stats: Mapping[str, Stats]) -> dict[str, Any]:

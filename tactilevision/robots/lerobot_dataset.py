@@ -140,7 +140,11 @@ class DataSet:
             yield from self._from_videos()
             return
         for row in self.rows():
-            yield row, _unpacked(row, f"{self.root}, {self.camera}")
+            place = f"{self.root}, {self.camera}, episode {row.episode.number}, frame {row.frame}"
+            if not row.packed:
+                remedy = "Store pictures within the tables."
+                raise InputError("a picture is not in its table", where=place, remedy=remedy)
+            yield row, decode_image(row.packed, Path(place))
 
     def _cells(self) -> Iterator[tuple[Path, int, int, float, bytes | None]]:
         columns = [*_INDEX] if self.is_video else [*_INDEX, self.camera]
@@ -245,10 +249,3 @@ def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:
             if frame.time is None:
                 raise InputError("a picture of the video has no time", where=path)
             yield float(frame.time), frame.to_ndarray(format="rgb24")
-
-
-def _unpacked(row: Row, where: str) -> Bytes:
-    place = f"{where}, episode {row.episode.number}, frame {row.frame}"
-    if not row.packed:
-        raise InputError("a picture is not in its table", where=place, remedy="Store pictures within the tables.")
-    return decode_image(row.packed, Path(place))
