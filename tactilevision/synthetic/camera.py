@@ -203,6 +203,11 @@ class CameraOptions:
     drift: float = 0.003
     shadow_strip_mm: Pair | None = None
 
+    @property
+    def half_mm(self) -> Pair:
+        """Half of the picture's width and height."""
+        return self.width_px * self.mm_per_px[0] / 2, self.height_px * self.mm_per_px[1] / 2
+
 
 def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
     """Return a camera of the given options; `rng` gives ink, dirt and drift."""
@@ -219,22 +224,19 @@ def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
         ink=_ink(grid, options, rng),
         stray=_stray(grid, random),
         vignette=_vignette(grid, random),
-        to_raw=distortion(options).to_raw if options.distortion_px > 0 else None,
+        to_raw=distortion(options)[1] if options.distortion_px > 0 else None,
         drift=(options.drift * rng.uniform(0.3, 1.0, 3) * rng.choice([-1.0, 1.0], 3), rng.uniform(300, 900)),
         options=options,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Distortion:
-    """The lens. `to_rectified` (map_x, map_y): rectified[y, x] = raw[map_y, map_x]; `to_raw` is its inverse."""
-
-    to_rectified: tuple[Singles, Singles]
-    to_raw: tuple[Singles, Singles]
+Maps = tuple[Singles, Singles]  # map_x, map_y: out[y, x] = in[map_y, map_x]
 
 
-def distortion(options: CameraOptions) -> Distortion:
-    """Return a barrel distortion with keystone that keeps the border of the frame.
+def distortion(options: CameraOptions) -> tuple[Maps, Maps]:
+    """Return the maps that rectify raw frames, and their inverse, for a barrel distortion with keystone.
+
+    It keeps the border of the frame:
 
     raw = rectified + d (x + k y, y + k x) (1 - x²)(1 - y²)/b for x, y from -1 to 1 across the frame, with the
     largest displacement d = distortion_px; inverted by fixed-point iteration.
@@ -253,7 +255,7 @@ def distortion(options: CameraOptions) -> Distortion:
         x, y = x + columns - there_x, y + rows - there_y
     map_x, map_y = (np.round(64 * m) / 64 for m in moved(columns, rows))  # so that the file packs well
     single = np.float32
-    return Distortion((map_x.astype(single), map_y.astype(single)), (x.astype(single), y.astype(single)))
+    return (map_x.astype(single), map_y.astype(single)), (x.astype(single), y.astype(single))
 
 
 def _ink(grid: Grid, options: CameraOptions, rng: np.random.Generator) -> Singles:

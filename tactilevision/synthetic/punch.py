@@ -168,10 +168,8 @@ class Bevel:
         """Return the depth of the face at which the gel first touches the bevel: w + rise = H."""
         from scipy.optimize import brentq
 
-        def gap(w: float) -> float:
-            return self.gap_mm(profile, w, tilt=tilt)
-
-        return float(brentq(gap, 0.0, 2.0 * self.height_mm + 0.5, xtol=TINY))
+        deepest_mm = 2.0 * self.height_mm + 0.5
+        return float(brentq(lambda w: self.gap_mm(profile, w, tilt=tilt), 0.0, deepest_mm, xtol=TINY))
 
     def dent(self, surface: Singles, places: tuple[Singles, Singles], *, face_mm: float, tilt: Pair) -> Singles:
         """Return the depth (H, W) mm that the bevel adds to the free surface (H, W) mm.

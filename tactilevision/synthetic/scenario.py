@@ -156,12 +156,11 @@ def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_afte
 
 def _centre(options: SimulationOptions, rng: np.random.Generator, *, cut: bool) -> Pair:
     """Return a place near the middle with the bevel in view; `cut`: over the far border."""
-    kit, camera = options.indenters, options.camera
+    kit = options.indenters
     towards = SIDES[kit.bevel]
-    half = np.array([camera.width_px * camera.mm_per_px[0], camera.height_px * camera.mm_per_px[1]]) / 2
     offset = -0.35 * kit.bevel_distance_mm
     if cut:
-        offset = -float(half @ np.abs(towards)) + 0.45 * kit.radius_mm
+        offset = -float(np.dot(options.camera.half_mm, np.abs(towards))) + 0.45 * kit.radius_mm
     x, y = offset * np.asarray(towards) + rng.normal(0.0, options.rig.place_std_mm, 2)
     return float(x), float(y)
 

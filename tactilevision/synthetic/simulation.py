@@ -97,7 +97,7 @@ def _sensor(options: SimulationOptions, pictured: bool) -> Sensor:
         height_px=camera.height_px,
         mm_per_px=camera.mm_per_px,
         gel=pad,
-        rectification=distortion(camera).to_rectified if pictured and camera.distortion_px > 0 else None,
+        rectification=distortion(camera)[0] if pictured and camera.distortion_px > 0 else None,
         has_markers=camera.markers,
         serial="simulated",
     )
@@ -180,13 +180,12 @@ def _clear(folder: Path) -> None:
             remedy="Name a folder that is empty or not there yet.",
         )
     tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
-    try:
-        for name in (layout.SETTINGS, *tables):  # settings first: without them it is no recording
+    try:  # settings first: without them it is no recording
+        for name in (layout.SETTINGS, *tables, layout.BALL_TABLE):
             (folder / name).unlink(missing_ok=True)
         for name in (layout.FRAMES, layout.FLATS, layout.BALLS):
             if (folder / name).is_dir():
                 shutil.rmtree(folder / name)
-        (folder / layout.BALL_TABLE).unlink(missing_ok=True)
     except OSError as fault:
         raise OutputError(
             f"cannot be cleared: {fault.strerror or fault}", where=folder, remedy="Choose another folder."
@@ -242,7 +241,9 @@ def _pictured(
     """Write the pictures and return the record that lists them."""
     options, folder, (camera, worn) = scenario.options, record.path, cameras
     rng = stream(scenario.seed, 4)
-    plan, balls = frame_times(scenario), _balls(scenario)
+    plan, rng_of_balls = frame_times(scenario), stream(scenario.seed, 5)
+    half_mm = options.camera.half_mm
+    balls = plan_balls(options.balls, options.ball_radii_mm, half_mm=half_mm, gel=options.gel, rng=rng_of_balls)
     total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
     names: list[str] = []
     for press, times in plan:
@@ -270,15 +271,3 @@ def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
     """Return the index of the last frame, in free air, of the first good press."""
     first = next((i for i, (press, _) in enumerate(plan) if not press.fault), 0)
     return sum(times.size for _, times in plan[: first + 1]) - 1
-
-
-def _balls(scenario: Scenario) -> tuple[BallPress, ...]:
-    camera = scenario.options.camera
-    half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
-    return plan_balls(
-        scenario.options.balls,
-        scenario.options.ball_radii_mm,
-        half_mm=half,
-        gel=scenario.options.gel,
-        rng=stream(scenario.seed, 5),
-    )
