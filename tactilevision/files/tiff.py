@@ -85,7 +85,7 @@ def _scale(about: dict[str, Any], path: Path) -> Pair | None:
 
 
 def metadata(height: HeightMap) -> dict[str, Any]:
-    """Return what a file states of a map (H, W): its scale, positions and flags."""
+    """Return what a file states of a map (H, W): its scale in mm per pixel, positions and flags."""
     return {"mm_per_px": list(height.mm_per_px), "positions": height.positions, "flags": list(height.flags)}
 
 
