@@ -61,7 +61,7 @@ class LateralBoundary(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the stiffness scaled by place."""
         factor = 1 + values[0] * np.exp(-_gap(data) / values[1])
-        return replace(state, factor=state.factor * factor[data.press])
+        return state.times(factor=factor[data.press])
 
 
 def _gap(data: Observations) -> Floats:

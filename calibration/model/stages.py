@@ -121,6 +121,14 @@ class State:
     force_N: Floats
     sticking: float = 0.0
 
+    def plus(self, **changes: Floats) -> State:
+        """Return the state with `changes`, (N,) or one number each, added to the arrays of these names."""
+        return replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})
+
+    def times(self, **factors: Floats) -> State:
+        """Return the state with the arrays of these names multiplied by `factors`, (N,) or one number each."""
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
+
 
 @runtime_checkable
 class Law(Protocol):
