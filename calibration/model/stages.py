@@ -86,6 +86,10 @@ class Parameter:
         """True where both bounds are equal."""
         return self.bounds[0] == self.bounds[1]
 
+    def held_at(self, value: float) -> Parameter:
+        """Return the parameter fixed at a value."""
+        return replace(self, default=value, bounds=(value, value))
+
 
 def amplitude(name: str, unit: str, limit: float, meaning: str, scale: float) -> Parameter:
     """Return a parameter that may have either sign, within `limit` of 0, where its effect vanishes."""
