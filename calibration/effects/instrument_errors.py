@@ -57,7 +57,7 @@ class _InPress(InstrumentError):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_curves and np.isfinite(data.time_s).all() else "needs times within a press"
+        return "" if data.is_timed else "needs times within a press"
 
     def starts(self, data: Observations) -> Floats:
         """Return starts of either sign over the time constants."""
