@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from benchmarks.digest.cases import CASES
 from benchmarks.digest.compare import differences
-from benchmarks.digest.record import read_record
+from benchmarks.digest.record import changed, read_changes, read_record
 from benchmarks.digest.values import Values
 from benchmarks.digest.workspace import Workspace
 
@@ -53,3 +55,13 @@ def test_differences_within_the_tolerance_are_none() -> None:
     before: Values = {"c": 2.0, "depth.height.1.grid": [0.1, None]}
     after: Values = {"c": 2.0 + 1e-9, "depth.height.1.grid": [0.1000005, None]}
     assert list(differences(before, after)) == []
+
+
+def test_only_listed_results_are_recorded_anew() -> None:
+    may = [re.compile(r"case: points\..*")]
+    before: Values = {"points.c": 2.0, "verdict": "NONE", "gone": 1}
+    after: Values = {"points.c": 3.0, "verdict": "IDENTIFIED"}
+    values, refused = changed("case", before, after, may)
+    assert values == {"points.c": 3.0, "verdict": "NONE", "gone": 1}
+    assert refused == ["verdict: 'NONE' before, 'IDENTIFIED' now", "gone: 1 before, missing now"]
+    assert all(isinstance(pattern, re.Pattern) for pattern in read_changes())

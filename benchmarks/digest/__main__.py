@@ -1,6 +1,7 @@
 """Compares what the commands give with the record: python -m benchmarks.digest [--write] [--quick] [CASE ...].
 
-Prints every difference (name, before, after, relative) and ends with 1 where there is one; --write records anew.
+Prints every difference (name, before, after, relative) and ends with 1 where there is one. --write records those
+that tests/digest_changes.toml lists, and ends with 1 for any other.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.digest.cases import CASES
 from benchmarks.digest.compare import differences
-from benchmarks.digest.record import RECORD, read_record, write_record
+from benchmarks.digest.record import RECORD, changed, read_changes, read_record, write_record
 from benchmarks.digest.values import Values
 from benchmarks.digest.workspace import CommandError, Workspace
 
@@ -40,11 +41,12 @@ def main(arguments: Sequence[str] = ()) -> int:
             print(f"{name}: {len(values)} values, {time.perf_counter() - start:.1f} s, "
                   f"{len(lines) or 'no'} differences", flush=True)  # fmt: skip
             print("".join(f"  {line}\n" for line in lines), end="", flush=True)
-            found += len(lines)
             if options.write and values:
-                record[name] = values
+                record[name], lines = changed(name, record.get(name, values), values, read_changes())
+                print("".join(f"  not listed: {line}\n" for line in lines), end="", flush=True)
                 write_record(_in_order(record), options.record)
-    return 1 if found and not options.write else 0
+            found += len(lines)
+    return 1 if found else 0
 
 
 def _in_order(record: dict[str, Values]) -> dict[str, Values]:
