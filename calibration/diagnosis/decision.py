@@ -121,7 +121,7 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         so_far = tuple(c.effect.key for c in searched.rounds[-1].candidates)
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
-    enough = CORRECTED if searched.to_be_treated else MOSTLY
+    enough = CORRECTED if steps and steps[-1].best.effect.treatment else MOSTLY
     mostly = 0 < len(steps) < MAX_EFFECTS and searched.explained > enough and not odd.wanders
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):
@@ -214,8 +214,7 @@ def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_
     table = []
     for parameter in model.parameters(data):
         if parameter.name.startswith("beta"):
-            beta = theory_beta(float(next(radii)), thickness_mm)
-            parameter = replace(parameter, default=beta, bounds=(beta, beta))
+            parameter = parameter.held_at(theory_beta(float(next(radii)), thickness_mm))
         elif parameter.name.startswith(f"{key}."):
             parameter = replace(parameter, prior=None)
         table.append(parameter)

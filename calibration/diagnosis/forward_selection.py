@@ -89,11 +89,6 @@ class Searched:
         return self.rounds[0].score_test
 
     @property
-    def to_be_treated(self) -> bool:
-        """Whether the last effect has a treatment."""
-        return bool(self.steps) and bool(self.steps[-1].best.effect.treatment)
-
-    @property
     def explained(self) -> float:
         """The share of the misfit at the start that the steps explain.
 

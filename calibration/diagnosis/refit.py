@@ -13,7 +13,7 @@ from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, min
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
-from calibration.model.stages import NOT_READ, Effect, Parameter
+from calibration.model.stages import NOT_READ, Effect
 from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
 from tactilevision.records.constants import NONZERO, Z95
@@ -79,17 +79,13 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
     for _ in range(HALVINGS):
         less = float(now[at] + first.default) / 2
         table = list(problem.parameters)
-        table[at] = _held(first, less)
+        table[at] = first.held_at(less)
         held = replace(problem, parameters=tuple(table))
         found = held.solve(now[None], tolerance=QUICK)
         if found.chi2 > most:
             break
         now = held.full(found.values)
     return now
-
-
-def _held(parameter: Parameter, value: float) -> Parameter:
-    return replace(parameter, default=value, bounds=(value, value))
 
 
 def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:
@@ -161,7 +157,7 @@ def hold_out(
     data, whitener = about.data, about.whitener
     table = list(model.parameters(data))
     for at in kept:
-        table[at] = _held(table[at], float(start[at]))
+        table[at] = table[at].held_at(float(start[at]))
     whole = Problem(model, data, tuple(table), whitener)
     information, law = whole.jacobian(start) ** 2, model.slices(data)["law"]
     of_force, white = list[float](), list[float]()
@@ -169,7 +165,7 @@ def hold_out(
         out = (folds == fold)[data.press]
         rest, of_all = (np.sum(rows[:, law], axis=0) for rows in (information[~out], information))
         lost = np.flatnonzero(rest < UNDETERMINED**2 * of_all)
-        own = {int(k): _held(table[k], float(start[k])) for k in law.start + lost}
+        own = {int(k): table[k].held_at(float(start[k])) for k in law.start + lost}
         problem = replace(whole, parameters=tuple(own.get(k, p) for k, p in enumerate(table)))
         found = fit_without(problem, start, out)
         seen = data if read else data.with_force(np.where(out, NOT_READ, data.normal_N))

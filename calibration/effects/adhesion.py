@@ -17,8 +17,6 @@ Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.checks import pull_level_N
@@ -70,7 +68,7 @@ class Adhesion(EffectBase):
         over = np.log(np.maximum(-state.depth_mm, TINY) / limit) / SPREAD
         shift = OPEN * _contact_read(tension, data)
         share = (1 - LAW) * _in_contact(over - shift) + LAW * _in_contact(over)
-        return replace(state, force_N=state.force_N + retracted * share * tension)
+        return state.plus(force_N=retracted * share * tension)
 
 
 def _contact_read(tension_N: Floats, data: Observations) -> Floats:

@@ -10,8 +10,6 @@ Source: Struik, Physical Aging in Amorphous Polymers (1978), ch. 4 (logarithmic 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.conditions import SESSION_D
@@ -52,4 +50,4 @@ class Ageing(EffectBase):
         """Return the state with force and stiffness scaled by age."""
         age = np.log1p(np.maximum(data.presses.day - np.min(data.presses.day), 0) / values[1])
         factor = (1 + values[0] * age)[data.press]
-        return replace(state, force_N=state.force_N * factor, stiffness_N_per_mm=state.stiffness_N_per_mm * factor)
+        return state.times(force_N=factor, stiffness_N_per_mm=factor)

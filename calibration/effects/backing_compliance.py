@@ -10,8 +10,6 @@ Source: definition of springs in series.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.measured import Floats
@@ -42,4 +40,4 @@ class BackingCompliance(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth less the rig's deflection."""
-        return replace(state, depth_mm=state.depth_mm - values[0] * data.normal_N)
+        return state.plus(depth_mm=-values[0] * data.normal_N)

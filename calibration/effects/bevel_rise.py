@@ -62,7 +62,7 @@ class BevelRise(Pictured):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the certified depth less the rise."""
         rise = relative_rise(data)[data.presses.indenter[data.press]]
-        return replace(state, depth_mm=state.depth_mm * (1 - values[0] * rise))
+        return state.times(depth_mm=1 - values[0] * rise)
 
     def absent(self, data: Observations) -> bool:
         """Return whether the depths have no rise in them, or the certificate subtracted it already."""

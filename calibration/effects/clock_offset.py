@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
@@ -40,9 +38,7 @@ class ClockOffset(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the offset; empty where they can."""
-        if not data.is_curves or not np.isfinite(data.time_s).all():
-            return "needs depth and force over time within a press (curves)"
-        return ""
+        return "" if data.is_timed else "needs depth and force over time within a press (curves)"
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of another time."""

@@ -9,8 +9,6 @@ or samples in air before contact distinguish it. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -34,4 +32,4 @@ class DepthZero(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth shifted."""
-        return replace(state, depth_mm=state.depth_mm + values[0])
+        return state.plus(depth_mm=values[0])

@@ -12,8 +12,7 @@ Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 from __future__ import annotations
 
 from dataclasses import replace
-
-import numpy as np
+from itertools import product
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EDGE, EffectBase, ManualCheck, Parameter, Stage, State
@@ -40,6 +39,7 @@ class EdgeFillet(EffectBase):
         Parameter("edge_radius_mm", "mm", 0.0, (0, 0.8), "rounding beyond what is stated", 0.1),
         Parameter("sticking", "1", 0.0, (0, 1), "how much the gel sticks to the edge (0: it slides)", 0.3),
     )
+    start_values = tuple(product((0.03, 0.1, 0.3, 0.6), (0.0, 1.0)))
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it: only a flat punch has an edge."""
@@ -49,10 +49,6 @@ class EdgeFillet(EffectBase):
     def to_be_expected(self, data: Observations) -> bool:
         """Return whether an edge radius is not stated: every edge is somewhat rounded."""
         return not self.missing(data) and any(indenter.edge_radius_mm is None for indenter in data.indenters)
-
-    def starts(self, data: Observations) -> Floats:
-        """Return starts over the range, sliding and sticking."""
-        return np.array([[rho, sticking] for rho in (0.03, 0.1, 0.3, 0.6) for sticking in (0.0, 1.0)])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with a rounder edge."""

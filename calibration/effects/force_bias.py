@@ -8,8 +8,6 @@ zero while P is linear in w; other radii or samples in air distinguish it. Sourc
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -32,4 +30,4 @@ class ForceBias(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the bias."""
-        return replace(state, force_N=state.force_N + values[0])
+        return state.plus(force_N=values[0])

@@ -9,8 +9,6 @@ Source: definition, the last row of a linear cross-talk matrix.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -47,4 +45,4 @@ class ForceCrosstalk(AxesEffect):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the tangential forces' share."""
         leak = data.force_N[:, 0] * values[0] + data.force_N[:, 1] * values[1]
-        return replace(state, force_N=state.force_N + leak)
+        return state.plus(force_N=leak)

@@ -8,8 +8,6 @@ a dead weight does. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -36,4 +34,4 @@ class ForceGain(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force scaled."""
-        return replace(state, force_N=state.force_N * (1 + values[0]))
+        return state.times(force_N=1 + values[0])

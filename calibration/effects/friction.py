@@ -12,8 +12,6 @@ punch distinguish it. Source: Spence, Proc. R. Soc. A 305 (1968) 55.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -62,8 +60,7 @@ class Friction(EffectBase):
         )
         surplus, linear, quadratic = columns[:, place[data.press]]
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
-        return replace(
-            state,
-            stiffness_N_per_mm=state.stiffness_N_per_mm * (1 + share * surplus),
-            force_N=state.force_N * (1 + share * (surplus + linear * strain + quadratic * strain**2)),
+        return state.times(
+            stiffness_N_per_mm=1 + share * surplus,
+            force_N=1 + share * (surplus + linear * strain + quadratic * strain**2),
         )

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 class Pictured(EffectBase):
     """An effect that also changes the reconstructed depth."""
 
+    def missing(self, data: Observations) -> str:
+        """Return why forces over these depths cannot show the effect; empty where they can."""
+        return "" if data.depth_source == "vision" else "the depth does not come from the picture"
+
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         raise NotImplementedError(f"{type(self).__name__} does not change the reconstructed depth")

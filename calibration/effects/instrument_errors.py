@@ -57,7 +57,7 @@ class _InPress(InstrumentError):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_curves and np.isfinite(data.time_s).all() else "needs times within a press"
+        return "" if data.is_timed else "needs times within a press"
 
     def starts(self, data: Observations) -> Floats:
         """Return starts of either sign over the time constants."""
@@ -73,7 +73,7 @@ class SinceTouch(_InPress):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the error."""
         grown = -np.expm1(-since_touch(data) / values[1])
-        return replace(state, force_N=state.force_N + values[0] * grown)
+        return state.plus(force_N=values[0] * grown)
 
 
 class UnderLoad(_InPress):
@@ -85,7 +85,7 @@ class UnderLoad(_InPress):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with a part that follows the load late."""
-        return replace(state, force_N=state.force_N + values[0] * relaxed(state.force_N, values[1], data=data))
+        return state.plus(force_N=values[0] * relaxed(state.force_N, values[1], data=data))
 
 
 class _InUnloading(InstrumentError):
@@ -108,7 +108,7 @@ class ForceWayBack(_InUnloading):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the error."""
-        return replace(state, force_N=state.force_N + values[0] * _unloading(data))
+        return state.plus(force_N=values[0] * _unloading(data))
 
 
 class DepthWayBack(_InUnloading):
@@ -121,7 +121,7 @@ class DepthWayBack(_InUnloading):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the error."""
-        return replace(state, depth_mm=state.depth_mm + values[0] * _unloading(data))
+        return state.plus(depth_mm=values[0] * _unloading(data))
 
 
 class AlongDepth(InstrumentError):
@@ -156,7 +156,7 @@ class AlongDepth(InstrumentError):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the wave added to the depth."""
         along = values[0] * np.cos(2 * np.pi * data.depth_mm / values[1] + values[2])
-        return replace(state, depth_mm=state.depth_mm + along)
+        return state.plus(depth_mm=along)
 
 
 class OverTime(InstrumentError):
@@ -174,7 +174,7 @@ class OverTime(InstrumentError):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the drift."""
-        return replace(state, force_N=state.force_N + values[0] * running_share(data))
+        return state.plus(force_N=values[0] * running_share(data))
 
 
 class Settling(OverTime):
@@ -188,7 +188,7 @@ class Settling(OverTime):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the drift."""
         grown = np.expm1(-running_share(data) / values[1]) / np.expm1(-1 / values[1])
-        return replace(state, force_N=state.force_N + values[0] * grown)
+        return state.plus(force_N=values[0] * grown)
 
 
 class GainOverTime(OverTime):
@@ -200,7 +200,7 @@ class GainOverTime(OverTime):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force scaled."""
-        return replace(state, force_N=state.force_N * (1 + values[0] * running_share(data)))
+        return state.times(force_N=1 + values[0] * running_share(data))
 
 
 INSTRUMENT_ERRORS: Sequence[InstrumentError] = (

@@ -11,8 +11,6 @@ form by judgement; decay of end effects in a bonded layer: Horgan, Knowles, Adv.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -46,8 +44,7 @@ class LateralBoundary(EffectBase):
         strength, length = self.parameters
         if np.unique(np.round(_gap(data) / SAME_MM)).size >= 3:
             return strength, length
-        held = float(np.clip(data.gel.thickness_mm, *length.bounds))
-        return strength, replace(length, default=held, bounds=(held, held))
+        return strength, length.held_at(float(np.clip(data.gel.thickness_mm, *length.bounds)))
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the boundary; empty where they can."""
@@ -61,7 +58,7 @@ class LateralBoundary(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the stiffness scaled by place."""
         factor = 1 + values[0] * np.exp(-_gap(data) / values[1])
-        return replace(state, factor=state.factor * factor[data.press])
+        return state.times(factor=factor[data.press])
 
 
 def _gap(data: Observations) -> Floats:

@@ -11,7 +11,6 @@ Sources: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41; Mars, Tire Sc
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -59,7 +58,7 @@ class Mullins(EffectBase):
 
         below, deepest = _below(data)
         width = values[1] ** 2 + values[2] * deepest
-        return replace(state, force_N=state.force_N * (1 - values[0] * erf(below / width)))
+        return state.times(force_N=1 - values[0] * erf(below / width))
 
 
 @lru_cache(maxsize=KEPT)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.effects.in_picture import Pictured
-from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, amplitude
@@ -37,7 +36,7 @@ class PhotometricDrift(Pictured):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the drift; empty where they can."""
-        return self.unseen(data) if data.depth_source == "vision" else NOT_VISION
+        return super().missing(data) or self.unseen(data)
 
     def unseen(self, data: Observations) -> str:
         """Return why certified depths cannot show the drift; empty where they can."""

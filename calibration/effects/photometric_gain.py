@@ -16,8 +16,6 @@ from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
 
-NOT_VISION = "the depth does not come from the picture"
-
 
 class PhotometricGain(Pictured):
     """One factor on the depth."""
@@ -37,9 +35,8 @@ class PhotometricGain(Pictured):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the gain."""
-        if data.depth_source != "vision":
-            return NOT_VISION
-        return "a factor on the depth is E and beta exactly; a gauge in the picture would show it"
+        alone = "a factor on the depth is E and beta exactly; a gauge in the picture would show it"
+        return super().missing(data) or alone
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""

@@ -51,7 +51,7 @@ class Recovery(EffectBase):
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """Return the parameters; for points b is fixed at 1."""
         share, time, at_once = self.parameters
-        return share, time, at_once if data.is_curves else replace(at_once, default=1, bounds=(1, 1))
+        return share, time, at_once if data.is_curves else at_once.held_at(1)
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show recovery; empty where they can."""

@@ -11,8 +11,6 @@ Source: Gao, Chiu, Lee, Int. J. Solids Struct. 29 (1992) 2471, eq. 28.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -44,7 +42,7 @@ class Skin(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the stiffness raised."""
         surplus = values[0] / values[1] * weight(values[1] / state.radius_mm)
-        return replace(state, factor=state.factor * (1 + surplus))
+        return state.times(factor=1 + surplus)
 
 
 def weight(ratio: Floats, poisson_ratio: float = 0.5) -> Floats:

@@ -18,7 +18,6 @@ from typing import ClassVar
 import numpy as np
 
 from calibration.effects.in_picture import InPicture, Pictured
-from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import WALLS_PER_MM, WALLS_PER_MM_STD, read_share, wall_share
 from calibration.model.stages import ManualCheck, Parameter, Prior, Stage, State
@@ -47,10 +46,6 @@ class SlopeSaturation(Pictured):
         ),
     )
     start_values: ClassVar[tuple[tuple[float, ...], ...]] = ((0.2,), (0.5,), (0.9,))
-
-    def missing(self, data: Observations) -> str:
-        """Return why these data cannot show saturation; empty where they can."""
-        return "" if data.depth_source == "vision" else NOT_VISION
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""

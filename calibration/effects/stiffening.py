@@ -10,8 +10,6 @@ Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -37,4 +35,4 @@ class Stiffening(EffectBase):
         """Return the state with the next term."""
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
         added = state.stiffness_N_per_mm * state.depth_mm * values[0] * strain**2
-        return replace(state, force_N=state.force_N + added)
+        return state.plus(force_N=added)

@@ -9,8 +9,6 @@ temperature, distinguish it. Source: Treloar, The Physics of Rubber Elasticity (
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.inputs.observations import Observations
@@ -41,4 +39,4 @@ class Temperature(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with force and stiffness scaled by temperature."""
         factor = 1 + values[0] * (data.temperature_C - np.mean(data.temperature_C))
-        return replace(state, force_N=state.force_N * factor, stiffness_N_per_mm=state.stiffness_N_per_mm * factor)
+        return state.times(force_N=factor, stiffness_N_per_mm=factor)

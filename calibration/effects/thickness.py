@@ -51,7 +51,7 @@ class Thickness(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the thickness scaled."""
-        return replace(state, thickness_mm=state.thickness_mm * (1 + values[0]))
+        return state.times(thickness_mm=1 + values[0])
 
     def freed(self) -> Thickness:
         """Return the effect without its prior."""

@@ -48,7 +48,7 @@ class Tilt(EffectBase):
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """Return the parameters; a stage's depth counts from the first touch."""
         angle, touch = self.parameters
-        return angle, replace(touch, default=1, bounds=(1, 1)) if data.depth_source == "stage" else touch
+        return angle, touch.held_at(1) if data.depth_source == "stage" else touch
 
     def starts(self, data: Observations) -> Floats:
         """Return starts over the angles."""

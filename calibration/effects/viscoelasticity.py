@@ -61,9 +61,7 @@ class Viscoelasticity(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show relaxation; empty where they can."""
-        if not data.is_curves or not np.isfinite(data.time_s).all():
-            return "needs the force over time within a press (curves)"
-        return ""
+        return "" if data.is_timed else "needs the force over time within a press (curves)"
 
     def starts(self, data: Observations) -> Floats:
         """Return starts in which a tenth relaxes, with time constants over the decades."""

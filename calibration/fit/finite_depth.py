@@ -72,12 +72,11 @@ NODES = (*(np.arange(30, 50) / 100).tolist(), 0.495, POISSON_RANGE[1])  # nu of 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FiniteDepth:
-    """F over nu for a usual dry punch, with the least and the largest for other dry ones; (n,) each.
+    """F at the NODES of nu for a usual dry punch, with the least and the largest for other dry ones; (n,) each.
 
     `edge_mm`: the edge radius, and whether it was stated.
     """
 
-    poisson_ratio: Floats
     usual: Floats
     least: Floats
     largest: Floats
@@ -86,13 +85,12 @@ class FiniteDepth:
 
     def share(self, poisson_ratio: Floats | float) -> Floats:
         """Return F at these nu, of any shape."""
-        return np.asarray(np.interp(poisson_ratio, self.poisson_ratio, self.usual))
+        return np.asarray(np.interp(poisson_ratio, NODES, self.usual))
 
     def room(self, poisson_ratio: float) -> Pair:
         """Return the shares by which E may be lower and higher for another friction or a sharp edge."""
         usual, least, largest = (
-            float(np.interp(poisson_ratio, self.poisson_ratio, one))
-            for one in (self.usual, self.least, self.largest)
+            float(np.interp(poisson_ratio, NODES, one)) for one in (self.usual, self.least, self.largest)
         )
         return largest / usual - 1, usual / least - 1
 
@@ -146,7 +144,7 @@ def _of(
     if not known.all():
         return None
     least, largest = np.nanmin(others, axis=0), np.nanmax(others, axis=0)
-    return FiniteDepth(np.array(NODES), middle, least, largest, usual, edge_mm is not None)
+    return FiniteDepth(middle, least, largest, usual, edge_mm is not None)
 
 
 def _one(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, stated: float | None) -> float:

@@ -37,6 +37,7 @@ MIN_PULLING_SHARE = 0.1  # of the samples just above the touch in unloading: mor
 LOADED = 0.5  # of the largest force relative to air, from which the punch is in the gel
 NEAR_TOUCH = 0.1  # share of the samples nearest to depth 0, whose force is about that of air
 SAME_DEPTH = 0.02  # of the largest depth: closer depths count as one
+CHECK_SIGN = "Depth is positive into the gel: check its sign."
 
 
 def without_copies(data: Observations) -> Observations:
@@ -182,14 +183,7 @@ def half_width(data: Observations) -> float | None:
 def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     touching = data.phase != "free"
     depth = data.depth_mm
-    if not data.is_curves and (depth <= 0).any():
-        k = int(np.flatnonzero(depth <= 0)[0])
-        yield InputError(
-            "a certified depth must be above 0 mm",
-            where=_press(data, k),
-            value=float(depth[k]),
-            remedy="Depth is positive into the gel.",
-        )
+    yield from _not_above_0(data, depth, "a certified depth must be above 0 mm", "Depth is positive into the gel.")
     if not touching.any():
         yield InputError(
             "every sample has the phase free",
@@ -201,7 +195,7 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         yield InputError(
             "no sample lies in the gel",
             value=float(np.max(depth)),
-            remedy="Depth is positive into the gel: check its sign.",
+            remedy=CHECK_SIGN,
         )
         return
     yield from _deepest(data)
@@ -212,36 +206,22 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
 
 
 def _deepest(data: Observations) -> Iterator[InputError]:
-    depth = data.depth_mm
+    depth, thickness_mm = data.depth_mm, data.gel.thickness_mm
     k = int(np.argmax(depth))
-    if depth[k] > data.gel.thickness_mm:
-        yield InputError(
-            "a depth is larger than the gel is thick",
-            where=_press(data, k),
-            value=float(depth[k]),
-            remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.",
-        )
+    if depth[k] > thickness_mm:
+        remedy = f"The gel is {thickness_mm:g} mm thick; depths are in mm."
+        yield _of_sample(data, k, depth, "a depth is larger than the gel is thick", remedy)
     if depth[k] < TYPICAL_ZERO_MM:
-        yield InputError(
-            "the deepest press is no deeper than the uncertainty of a depth's zero",
-            where=_press(data, k),
-            value=float(depth[k]),
-            remedy="Depth is positive into the gel: check its sign."
-            if depth.min() < -TYPICAL_ZERO_MM
-            else "Depths are in mm: are these in metres?",
-        )
+        what = "the deepest press is no deeper than the uncertainty of a depth's zero"
+        upwards = depth.min() < -TYPICAL_ZERO_MM
+        remedy = CHECK_SIGN if upwards else "Depths are in mm: are these in metres?"
+        yield _of_sample(data, k, depth, what, remedy)
 
 
 def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     force = data.normal_N
-    if not data.is_curves and (force <= 0).any():
-        k = int(np.flatnonzero(force <= 0)[0])
-        yield InputError(
-            "the normal force of a certified point must be above 0 N",
-            where=_press(data, k),
-            value=float(force[k]),
-            remedy="fz_N is positive when the indenter pushes.",
-        )
+    what = "the normal force of a certified point must be above 0 N"
+    yield from _not_above_0(data, force, what, "fz_N is positive when the indenter pushes.")
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
     near = np.abs(data.depth_mm)
@@ -282,8 +262,16 @@ def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
     )
 
 
-def _press(data: Observations, sample: int) -> str:
-    return f"press {data.presses.label[int(data.press[sample])]}"
+def _not_above_0(data: Observations, values: Floats, what: str, remedy: str) -> Iterator[InputError]:
+    """Yield a fault of the first certified point whose value is not above 0."""
+    if not data.is_curves and (values <= 0).any():
+        yield _of_sample(data, int(np.argmax(values <= 0)), values, what, remedy)
+
+
+def _of_sample(data: Observations, k: int, values: Floats, what: str, remedy: str) -> InputError:
+    """Return the fault of the k-th of the values (N,), which names its press."""
+    press = data.presses.label[int(data.press[k])]
+    return InputError(what, where=f"press {press}", value=float(values[k]), remedy=remedy)
 
 
 def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:

@@ -164,7 +164,7 @@ def offset_by_phase(data: Observations) -> float:
     At each offset a cubic of the depth through 0 is fitted to each radius' force, independent of any law. The
     offset is chosen by the radii whose residual falls most, and the residual of all forces together must not grow.
     """
-    if not data.is_curves or not np.isfinite(data.time_s).all():
+    if not data.is_timed:
         return 0.0
     steady = replace(data, depth_mm=denoised_depth(data))
     residual = np.array([_residual_of_cubic(steady, np.maximum(depth_at(steady, -o), 0.0)) for o in GRID_S])

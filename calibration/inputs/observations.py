@@ -190,6 +190,11 @@ class Observations:
         return self.size > self.count
 
     @property
+    def is_timed(self) -> bool:
+        """Whether presses are curves whose samples all have times."""
+        return self.is_curves and bool(np.isfinite(self.time_s).all())
+
+    @property
     def first(self) -> Ints:
         """Index (M,) of the first sample of each press."""
         return np.searchsorted(self.press, np.arange(self.count))

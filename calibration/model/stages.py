@@ -86,6 +86,10 @@ class Parameter:
         """True where both bounds are equal."""
         return self.bounds[0] == self.bounds[1]
 
+    def held_at(self, value: float) -> Parameter:
+        """Return the parameter fixed at a value."""
+        return replace(self, default=value, bounds=(value, value))
+
 
 def amplitude(name: str, unit: str, limit: float, meaning: str, scale: float) -> Parameter:
     """Return a parameter that may have either sign, within `limit` of 0, where its effect vanishes."""
@@ -120,6 +124,14 @@ class State:
     stiffness_N_per_mm: Floats
     force_N: Floats
     sticking: float = 0.0
+
+    def plus(self, **changes: Floats) -> State:
+        """Return the state with `changes`, (N,) or one number each, added to the arrays of these names."""
+        return replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})
+
+    def times(self, **factors: Floats) -> State:
+        """Return the state with the arrays of these names multiplied by `factors`, (N,) or one number each."""
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
 
 @runtime_checkable

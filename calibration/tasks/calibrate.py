@@ -227,10 +227,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
     """Return c with its noise alone: shared tolerances and nu fixed as stated."""
-    bare = replace(
-        fitted.model, effects=tuple(e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS))
-    )
-    again = fit(bare, fitted.data, tolerances=False)
+    again = fit(fitted.model.without(HEIGHTS).without(DIMENSIONS), fitted.data, tolerances=False)
     return stiffness_of(again, main_radius(again)), again.noise.dof
 
 

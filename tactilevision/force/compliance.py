@@ -247,11 +247,6 @@ def _patches(deep: Bools, score: Floats, least: float) -> Cells:
     return np.flatnonzero(sure[patches])
 
 
-def pulling(pressure: Floats) -> Bools:
-    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded."""
-    return np.asarray(pressure < FAINTEST * float(np.max(pressure, initial=0.0)))
-
-
 def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
     """Return a quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
 
@@ -366,7 +361,8 @@ def _narrow(
     rms = _rms_guess(u, unit)
     for _ in range(MAX_ITERATIONS):
         factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
-        drop = np.zeros(len(active), dtype=bool) if adhesive else pulling(x[-1])
+        faintest = -np.inf if adhesive else FAINTEST * float(np.max(x[-1], initial=0.0))
+        drop = x[-1] < faintest
         rms = _rms(x, std_mm / unit)
         if not drop.any():
             return Solution(cells[active], x, factor, SUBCELL * unit)

@@ -123,7 +123,7 @@ class ForceField:
             more = self._overlooked(compliance, seen, cells, found)
             found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
         if found is None or len(found.cells) == 0:
-            return _nothing(grid, height, (*flags, NO_CONTACT), self._unseen_N(grid, seen))
+            return self._nothing(grid, seen, height, *flags)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
         flags += [CUT] if is_cut(grid, found, seen) else []
         return self._report(compliance, seen, found, height, tuple(flags))
@@ -150,15 +150,20 @@ class ForceField:
 
     def without_contact(self, height: HeightMap) -> TractionMap:
         """Return the tractions of a map in which nothing touches: zero, to within the detection limit."""
-        grid, seen = self._prepared(height).grid, self._observe(height)
-        return _nothing(grid, height, (*seen.flags, NO_CONTACT), self._unseen_N(grid, seen))
+        seen = self._observe(height)
+        return self._nothing(self._prepared(height).grid, seen, height, *seen.flags)
 
-    def _unseen_N(self, grid: NodeGrid, seen: Observation) -> float:
-        """Return the force of the least contact that would be detected."""
+    def _nothing(self, grid: NodeGrid, seen: Observation, height: HeightMap, *flags: str) -> TractionMap:
+        """Return zero force along each axis, to within the force of the least contact that would be detected.
+
+        That is a punch of one cell's radius pressed in by what a candidate needs.
+        """
         reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
         deepest = -float(seen.displacement_mm[-1].min())
         least = max(CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), deepest)
-        return 2 * grid.spacing_mm * reduced * least
+        fields, unseen_N = np.zeros((3, grid.shape[0] * grid.shape[1])), 2 * grid.spacing_mm * reduced * least
+        std, errors = np.array([unseen_N] * 3 + [np.nan] * 3), np.full_like(fields, np.nan)
+        return _as_map(grid, fields, errors, np.zeros(6), std, (*flags, NO_CONTACT), height)
 
     def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
         """Return whether a compliance that was made before is one for this material, these settings and view."""
@@ -299,15 +304,6 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
     pressure = found.traction[-1]
     noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
     return float(grid.cell_mm2 * (pressure * scale)[pressure < 2 * noise].sum())
-
-
-def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:
-    """Return zero force along each axis, to within a punch of one cell's radius pressed in by what a candidate
-    needs.
-    """
-    fields = np.zeros((3, grid.shape[0] * grid.shape[1]))
-    total, std = np.zeros(6), np.array([unseen_N] * 3 + [np.nan] * 3)
-    return _as_map(grid, fields, np.full_like(fields, np.nan), total, std, flags, height)
 
 
 def triple(values: Floats) -> Triple:

@@ -245,10 +245,6 @@ class Readings:
         free_s, *zero = self._zero.T
         return np.asarray(read - [np.interp(now, free_s, axis) for axis in zero])
 
-    def press_at(self, time_s: float) -> Press | None:
-        """Return the press under way at a time."""
-        return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
-
     def clipped(self, press: Press) -> bool:
         """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
         extreme.
@@ -371,7 +367,8 @@ def with_gel(recording: Recording, calibration: Path | None) -> Recording:
 
 def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
     """Add the F/T reading and the press of its time to a row."""
-    press, measured = readings.press_at(row.time_s), triple(readings.at(row.time_s))
+    measured = triple(readings.at(row.time_s))
+    press = next((one for one in readings.presses if one.start_s <= row.time_s <= one.end_s), None)
     if press is None:
         return replace(row, measured_N=measured)
     return replace(row, measured_N=measured, press=press.press, reading_clipped=readings.clipped(press))

@@ -259,7 +259,7 @@ def _constant_law(contacts: Sequence[Contact], prior: Prior | None) -> tuple[Con
         return None
     seen = _joined(contacts)
     law = _least_curl(seen) if prior is None else _corrected(seen, prior(seen.change, seen.place))
-    if law is None or _slope_spread(seen.change @ law.T) < MIN_SLOPE_SPREAD:
+    if law is None or np.linalg.cond(seen.change @ law.T) ** -2 < MIN_SLOPE_SPREAD:
         return None
     return seen, law
 
@@ -335,12 +335,6 @@ def _least_curl(seen: Contact) -> Floats | None:
     slopes = seen.change @ law.T
     law = law * np.sqrt(np.sum(seen.change**2) / np.sum(slopes**2)) / USUAL_CHANGE
     return np.asarray(-law if np.sum(slopes * seen.outward) > 0 else law, np.float64)
-
-
-def _slope_spread(slopes: Floats) -> float:
-    """Return the least over the greatest directional power of slopes (N, 2): 1 for a ball."""
-    least, most = np.linalg.eigvalsh(slopes.T @ slopes)
-    return float(least / most)
 
 
 def _cauchy(residual: Floats) -> Floats:
