@@ -164,7 +164,7 @@ def _scatter(x: Floats, y: Floats) -> float:
 def _spread(residual: Floats, parameters: int) -> float:
     robust = mad_std(residual, centre=0.0)
     freedom = max(residual.size - parameters, 1)
-    return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), TINY)
+    return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), _EXACT)
 
 
 # Signals of the bevel's touch. A strip is the mean of a field over the width of the line from the punch's axis to
@@ -182,6 +182,7 @@ _CLEAR = 2.0  # stds before a first onset, until when the picture counts as unto
 _LATE = 0.3  # of the largest growth, from which the picture's change is the template
 _MIN_FRAMES = 3  # before the onset, for a straight course
 _WALL_MM = 0.4  # beyond the punch's edge: its steep wall
+_EXACT = 1e-12  # noise of exact readings: below the rounding of a constant picture, which is no signal
 
 
 def mean_distance_mm(distance_mm: float) -> float:

@@ -224,13 +224,6 @@ def test_one_zarr_store_holds_what_the_tiffs_hold(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "zarr").iterdir() if p.name.startswith(".")] == []
 
 
-def test_a_store_without_zarr_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = read_folder(pictures(tmp_path / "in", 2), SENSOR)
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(InputError, match="pip install zarr"):
-        reconstruct_folder(source, light(source), tmp_path / "out", workers=1, form="zarr")
-
-
 SLOW = """
 import sys, time
 from pathlib import Path
