@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
@@ -39,9 +39,24 @@ class Shot:
     name: str = ""
 
 
+class Source(Protocol):
+    """A source of shots; a camera never ends. Raises InputError where it is gone."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def waits(self) -> bool:
+        """Return whether it can wait for its reader; a camera cannot."""
+
+    def shots(self) -> Iterator[Shot]: ...
+
+    def close(self) -> None: ...
+
+
 @dataclass
 class Camera:
-    """An open camera, by the name that the user gave; it never ends, and cannot wait for its reader."""
+    """An open camera, by the name that the user gave."""
 
     capture: Any  # cv2.VideoCapture
     name: str
@@ -135,7 +150,6 @@ class Played:
         """Do nothing: no file stays open."""
 
 
-Source = Camera | Played
 LAST_S = 15  # s that a source may take for its last frame; drivers give up after ten
 
 
