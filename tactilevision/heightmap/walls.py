@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved
+from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
 from tactilevision.photometric.colour_change import Window
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.constants import ROUNDING, TINY
@@ -156,6 +156,11 @@ def wall_light(lean: float) -> WallLight:
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
 
 
+def _solved(normal: Floats, right: Floats) -> Floats:
+    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+
+
 class Law:
     """The law on a fine grid, and as the picture shows it at bins `s` (n,).
 
@@ -199,10 +204,10 @@ class Law:
         unknown, damping = start, DAMPING
         squares, uphill, normal, off = misfit(unknown)
         for _ in range(MAX_ITERATIONS):
-            if uphill @ solved(normal, uphill) < CONVERGENCE_TOL:
+            if uphill @ _solved(normal, uphill) < CONVERGENCE_TOL:
                 break
             for _ in range(5):
-                trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)
+                trial = unknown - _solved(normal * (1.0 + damping * np.eye(6)), uphill)
                 after = misfit(trial)
                 if after[0] < squares:
                     break
