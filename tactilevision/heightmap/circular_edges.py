@@ -106,12 +106,8 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
 def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
     """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
     weighted = terms * weights
-    return _solved(weighted @ terms.T + STIFFENING, weighted @ values)
-
-
-def _solved(normal: Floats, right: Floats) -> Floats:
-    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
-    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+    normal = weighted @ terms.T + STIFFENING
+    return np.asarray(cv2.solve(normal, (weighted @ values)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 def residual_std(off: Floats) -> float:

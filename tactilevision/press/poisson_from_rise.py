@@ -302,7 +302,8 @@ def with_nu(
         warnings = (
             *warnings,
             f"The fall of the gel around the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there. "
-            f"nu is read from gel at least {zone.reach:.1f} depths beyond the edge, which all of them reach.",
+            f"nu is read from gel {zone.clear:.0f} depths beyond the edge, or {zone.reach:.0f} where no gel "
+            "farther out shows it.",
         )
     if unused:
         why = "lies beyond the profiles, or too little of it is in view: not used for nu"
