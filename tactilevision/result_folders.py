@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.effects import PLAIN, get_effect, written
+from calibration.effects import get_effect, written
 from calibration.effects.private import load_effect
 from calibration.inputs.deadline import NEVER, Deadline
 from calibration.model.stages import Effect
@@ -200,20 +200,20 @@ def write_diagnosis(
 
 
 def commands_after_diagnosis(found: Diagnosis, base: History, files: Mapping[str, str]) -> list[str]:
-    """Return commands to try: each candidate, and the instrument error nearest to an UNKNOWN."""
+    """Return commands to try: each candidate; of an UNKNOWN the effect nearest to it."""
     fitted = {effect.key: written(effect) for effect in found.fits.fitted.model.effects}
     named = [fitted.get(effect.key, effect.key) for effect in found.effects]
-    plain = [found.remainder.plain.effect.key] if found.remainder.plain is not None else []
+    nearest = [] if found.remainder.nearest is None else found.remainder.nearest[0].split("+")
     sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
-    return [base.with_effects(keys, files).command() for keys in (*sets, plain) if keys]
+    return [base.with_effects(keys, files).command() for keys in (*sets, nearest) if keys]
 
 
 def commands_after_comparison(found: Comparison, base: History, files: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return commands to try: a diagnosis of the base model alone, then instrument errors; with their purpose."""
+    """Return commands to try: a diagnosis of the base model alone, then effects; with their purpose."""
     added = [step.key for step in steps_of_comparison(found, files)]
     first = [] if added or base.left_out else [(FIND, base.command("diagnose"))]
     tried = {key: base.with_effects([*added, key], files).command() for key in found.suggested}
-    return [*first, *((f"{TRY} {getattr(PLAIN[key], 'words', key)}", text) for key, text in tried.items())]
+    return [*first, *((f"{TRY} {key.replace('_', ' ')}", text) for key, text in tried.items())]
 
 
 def compare_as(

@@ -50,7 +50,6 @@ def _diagnosed(data: Observations, made: Made) -> Row:
 
     found = diagnose(data, np.random.default_rng(SEED))
     modulus, before = found.material.after.youngs_modulus, found.material.before.youngs_modulus
-    plain = found.remainder.alternative_explanation
     return {
         "verdict": found.verdict,
         "named": [effect.key for effect in found.effects],
@@ -63,7 +62,6 @@ def _diagnosed(data: Observations, made: Made) -> Row:
         "screen_p": [[s.key, s.p_adjusted] for s in found.search.score_test[:3]],
         "odd": list(found.presses.odd.presses),
         "wanders": [list(one) for one in found.presses.odd.wanders],
-        "plain": None if plain is None else plain.key,
         "flags": list(found.flags),
         "held_out_over_floor": found.errors.held_out_after / max(found.errors.floor, 1e-12),
     }

@@ -21,13 +21,27 @@ DEPTH_BINS = 16  # steps of the depth
 FORM = 0.1  # std of a gel effect's form in each step of each covariate, over what the effect adds (others_curves)
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
+PRESS_BINS = 8  # groups of presses, between which a step may lie
 SAME = MICRO  # of the largest singular value: less is linearly dependent
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:
-    """Return step functions (N, k) of all covariates, and of effects' sizes that have to be constant, by name."""
+    """Return step functions (N, k) of a sample's covariates, and of sizes that have to be constant, by name."""
     seen = seen_covariates(steady)
-    return {c.name: _steps(steady, c) for c in seen} | _of_one_size(steady, seen)
+    return {c.name: _steps(steady, c) for c in seen if not c.of_press} | _of_one_size(steady, seen)
+
+
+def press_terms(steady: Fit) -> dict[str, Floats]:
+    """Return changes (N, k) of the presses' stiffness over each press covariate: steps, a line, a parabola."""
+    return {c.name: _press_terms(steady, c) for c in seen_covariates(steady) if c.of_press}
+
+
+def _press_terms(fitted: Fit, covariate: Covariate) -> Floats:
+    beyond = np.cumsum(indicators(covariate, PRESS_BINS)[:, :0:-1], axis=1)  # one step each
+    along = (covariate.values - np.mean(covariate.values)) / np.ptp(covariate.values)
+    smooth = [along, along**2] if beyond.shape[1] > 2 else []
+    terms = np.column_stack([*beyond.T, *smooth])
+    return np.asarray(terms * (np.abs(fitted.about.force_N) + fitted.about.base_N * fitted.noise.scale)[:, None])
 
 
 def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
@@ -56,8 +70,8 @@ def form_errors(steady: Fit) -> Floats:
 
 
 def _steps(fitted: Fit, covariate: Covariate) -> Floats:
-    """Return step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
-    carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
+    """Return step functions (N, k) of the depth over a covariate."""
+    carried = fitted.about.slope_N_per_mm
     hot = indicators(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
 

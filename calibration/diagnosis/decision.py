@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis import unexplained
 from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
-from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, remainder
+from calibration.diagnosis.unexplained import Remainder, remainder
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, Problem, r_squared
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.fit.repeats import LEVEL
-from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations
 from calibration.laws.theory import THEORY_BETA, THEORY_RATIO
 from calibration.model.composition import Model
@@ -36,8 +34,7 @@ class Outcome:
     """Result of one search, of the force or of the picture's depth.
 
     `steps` are the effects that stand; `tried` what fitted best where none does; `left` the smallest p of the last
-    model's residual; `unknown` is defined in `decide`; `remainder` what is significant of the residual;
-    `alternative_explanation` the instrument error that explains as much as the steps did, `plain` the nearest one.
+    model's residual; `unknown` is defined in `decide`; `remainder` what is significant of the residual.
     """
 
     searched: Searched
@@ -48,8 +45,6 @@ class Outcome:
     flags: tuple[str, ...]
     odd: OutlyingPresses = NOTHING_ODD
     remainder: Remainder | None = None
-    alternative_explanation: AlternativeExplanation | None = None
-    plain: Candidate | None = None
 
     @property
     def sets(self) -> list[tuple[Candidate, ...]]:
@@ -67,8 +62,8 @@ def decide(searches: Sequence[Outcome], flags: Sequence[str]) -> str:
 
     Each search tests, refits and confirms, at most three times; the level is .05, half of it where there are two:
 
-    1. *Significant.* One score test of all effects, covariates, instrument errors and odd presses, calibrated by
-       one parametric bootstrap, has p adjusted for all of them at or below the level (`score_test`). Where nothing
+    1. *Significant.* One score test of all effects, covariates and odd presses, calibrated by one parametric
+       bootstrap, has p adjusted for all of them at or below the level (`score_test`). Where nothing
        is significant the verdict is ADEQUATE.
     2. *Confirmed.* An effect is added when it is significant (a second one at .005), its size lies inside its
        range, chi^2 + 2 q falls by 6, also without any one reading, and presses held out are predicted better
@@ -79,9 +74,7 @@ def decide(searches: Sequence[Outcome], flags: Sequence[str]) -> str:
     4. *Unknown.* The search explains too little where
        a. a significant residual moves E or a reading by more than .65 std (`Remainder.matters`), unless the
           effects added explain 90 % of the misfit (50 % where the last one has a treatment);
-       b. a press is unlike all others, or like presses scatter more than they may and no effect is added;
-       c. an instrument error outside the catalogue explains as much as the effects added, or more than all that
-          was tried (`unexplained.alternative_explanation`).
+       b. a press is unlike all others, or like presses scatter more than they may and no effect is added.
        The effects of that search then do not stand.
 
     The first of these that holds is the verdict:
@@ -128,22 +121,6 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)
     tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
     return Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over)
-
-
-def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> Outcome:
-    """Return the outcome by point 4c of `decide`, with the nearest instrument error."""
-    if watch.over or not (force.steps or (force.unknown and not force.odd.presses)):
-        return force
-    watch.tell("comparing with instrument errors")
-    plain = unexplained.plain_errors(force.searched, watch.each)
-    found = unexplained.alternative_explanation(force.searched, plain, level=level)
-    nothing = np.inf if force.searched.steps else force.searched.start.chi2
-    helps = (one for one in plain if one.cost < nothing)
-    nearest_of_all = next(helps, None) if found is not None or force.unknown else None
-    if found is None:
-        return replace(force, plain=nearest_of_all)
-    tried = force.tried or found.instead_of
-    return replace(force, steps=(), tried=tried, unknown=True, alternative_explanation=found, plain=nearest_of_all)
 
 
 # What could cause a beta that theory does not allow, and how straight it leaves the line of P/w over w/h.

@@ -10,10 +10,9 @@ import numpy as np
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
-from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.sensitivity import Limits, UndetectedEffect
-from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, Unexplained
+from calibration.diagnosis.unexplained import Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import OutlyingPresses
@@ -124,16 +123,13 @@ class UnexplainedMisfit:
     """What no effect explains, and what could stand behind it.
 
     `left` describes the residual where the verdict is UNKNOWN, `left_over` what is significant of it whether it
-    matters or not; `nearest` the effect that explains most of it, and its share; `plain` the nearest instrument
-    error; `alternative_explanation` the one that explains as much as the effects named; `change_point` the press
-    from which on it is there; `would_have_to_be` what could cause a beta that theory does not allow.
+    matters or not; `nearest` the effect that explains most of it, and its share; `change_point` the press from
+    which on it is there; `would_have_to_be` what could cause a beta that theory does not allow.
     """
 
     left: Unexplained | None = None
     left_over: Remainder | None = None
     nearest: tuple[str, float] | None = None
-    plain: Candidate | None = None
-    alternative_explanation: AlternativeExplanation | None = None
     change_point: str | None = None
     would_have_to_be: tuple[InadmissibleBeta, ...] = ()
 
@@ -173,7 +169,7 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
         search, rest, presses, limits = self.search, self.remainder, self.presses, self.limits
-        errors, material, other, left = asdict(self.errors), self.material, rest.alternative_explanation, rest.left
+        errors, material, left = asdict(self.errors), self.material, rest.left
         return {
             "verdict": self.verdict,
             "effects": [effect.as_json() for effect in self.effects],
@@ -195,8 +191,6 @@ class Diagnosis:
             "left": left and asdict(left),
             "left_over": rest.left_over and rest.left_over.as_json(),
             "nearest": rest.nearest and dict(zip(("key", "explains"), rest.nearest, strict=True)),
-            "nearest_plain_error": rest.plain and rest.plain.effect.key,
-            "otherwise": other and other.as_json(),
             "change_point": rest.change_point,
             "would_have_to_be": [asdict(one) for one in rest.would_have_to_be],
             "odd_presses": list(presses.odd.presses),

@@ -43,8 +43,8 @@ class Candidate:
 
     @property
     def cost(self) -> float:
-        """chi^2 + 2 q: what candidates of different size are compared by."""
-        return self.chi2 + 2 * len(self.effect.parameters)
+        """chi^2 + 2 q + 2 ln n: what candidates of q parameters and n searched forms are compared by."""
+        return self.chi2 + 2 * len(self.effect.parameters) + 2 * float(np.log(self.effect.searched))
 
     @property
     def own_values(self) -> Floats:

@@ -1,14 +1,15 @@
-"""One score test of effects, covariates, instrument errors and odd presses, at one level.
+"""One score test of effects, covariates and odd presses, at one level.
 
-A direction d is the change of the force that an effect or an instrument error would bring (from each of its
-starts), or a step function of a covariate. Whitened and orthogonal to what the fit can absorb, its score is t =
-d.z/|d|. Since changes from press to press otherwise count as scatter, t^2 is a likelihood ratio in which presses
-may scatter less with the direction than without it (`Cast.ratios`). Of an effect and of an instrument error the
-largest t^2 over its starts counts; of a covariate the sum over its bins. The scatter of loading, the press
-farthest from its like and the wander of presses' zeros are tested as well. All are compared with one parametric
-bootstrap, in which samples and presses are sampled with their own tails and the error model is estimated anew. An
-allowance for the form of effects in the model (`form_errors`) is part of the fit. The level is shared: effects
-have `SHARE` of it, everything else the rest, each by its smallest p; p_adjusted is adjusted for all tests.
+A direction d is the change of the force that an effect would bring (from each of its starts), or a step function
+of a covariate. Whitened and orthogonal to what the fit can absorb, its score is t = d.z/|d|. Since changes from
+press to press otherwise count as scatter, t^2 is a likelihood ratio in which presses may scatter less with the
+direction than without it (`Cast.ratios`). Of an effect the largest t^2 over its starts counts; of a press's
+covariate the largest of a step, a line and a parabola; of a sample's covariate the sum over its bins. The scatter
+of loading, the press farthest from its like and the wander of presses' zeros are tested as well. All are compared
+with one parametric bootstrap, in which samples and presses are sampled with their own tails and the error model is
+estimated anew. An allowance for the form of effects in the model (`form_errors`) is part of the fit. The level is
+shared: effects have `SHARE` of it, everything else the rest, each by its smallest p; p_adjusted is adjusted for
+all tests.
 """
 
 from __future__ import annotations
@@ -18,10 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.covariates import covariate_steps, form_errors
+from calibration.diagnosis.covariates import covariate_steps, form_errors, press_terms
 from calibration.diagnosis.score_statistics import Cast, Tail
 from calibration.diagnosis.sensitivity import added_force, smallest_visible
-from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import PressLooks
@@ -30,7 +30,6 @@ from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.noise.model import Noise, Scatter
-from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 DRAWS = 399  # samples of the bootstrap: p to .0025, finer by the tail's fit
@@ -43,9 +42,8 @@ BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 force
 FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
 SHARE = 0.6  # share of the level that effects have
 SCATTER = "scatter while loading"
-ONE_WAY = 0.9999  # cosine from which two directions are one
 
-LESS = (1, 0.125, 0.25, 0.5)  # factors of the presses' estimated gain that are tried
+LESS = (1, 0.03, 0.12, 0.4)  # factors of the presses' estimated gain that are tried
 MORE = (2, 4)  # as well, where presses are too few to determine it
 FEW_PRESSES = 12  # curves; fewer hardly determine the scatter of presses
 FEW_POINTS = 24  # points; one reading a press
@@ -81,7 +79,7 @@ class Scored:
 class ScoreTest:
     """The scores of effects and of covariates, the most significant first, and why others were not tested.
 
-    `others` are instrument errors and what is odd among presses; `visible` is the minimum detectable amplitude of
+    `others` are what is odd among presses; `visible` is the minimum detectable amplitude of
     each effect's first parameter at 80 % power, inf where the base model absorbs it.
     """
 
@@ -113,20 +111,18 @@ def score_test(
 ) -> ScoreTest:
     """Score `effects` and every covariate on the residual of `fitted`, whose noise is taken as its own.
 
-    With `of_rig` instrument errors and odd presses are scored as well.
+    With `of_rig` odd presses are scored as well.
     """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
-    plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
-    plain = {key: _either_way(table) for key, table in plain.items()}
-    steps = covariate_steps(fitted)
-    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()], form_errors(fitted))
+    of_presses, steps = press_terms(fitted), covariate_steps(fitted)
+    cast = Cast(fitted, [*tables.values(), *of_presses.values(), *steps.values()], form_errors(fitted))
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model absorbs it: these data cannot distinguish it from E, nu or beta"
-    looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
+    looks = _Looks(cast, fitted, searched=len(tables) + len(of_presses), of_rig=of_rig)
     few = scatter_unknown(fitted.data)
-    keys = [*tables, *plain, *steps, *looks.names]
+    keys = [*tables, *of_presses, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
     found = _family(keys, table, len(tables), missing)
@@ -137,7 +133,7 @@ def score_test(
             rows += looks.drawn(rng, enough + 1 - len(table), each)
             table = looks.table(rows)
             found = _family(keys, table, len(tables), missing)
-    named, rest, of_residual = *found, {*steps, SCATTER}
+    named, rest, of_residual = *found, {*of_presses, *steps, SCATTER}
     return ScoreTest(
         effects=named,
         covariates=tuple(s for s in rest if s.key in of_residual),
@@ -170,8 +166,8 @@ def _family(
 
 
 class _Looks:
-    """All statistics of one fit: largest squared score of an effect or instrument error, sum of a covariate's,
-    scatter of loading, and with `of_rig` the presses; `names` of the last two.
+    """All statistics of one fit: largest squared score of an effect or a press's covariate, sum of a sample's
+    covariate, scatter of loading, and with `of_rig` the presses; `names` of the last two.
     """
 
     def __init__(self, cast: Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
@@ -224,13 +220,6 @@ class _Looks:
         if self._presses is not None:
             presses = self._presses.statistics(self._cast.left_of(errors, priors)).T
         return scores, loading, presses
-
-
-def _either_way(table: Floats) -> Floats:
-    """Return directions (N, s) without those parallel to another."""
-    unit = table / np.maximum(np.linalg.norm(table, axis=0), NONZERO)
-    alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
-    return np.asarray(table[:, ~alike])
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:

@@ -1,35 +1,29 @@
-"""Residual that no effect explains: its size, its effect on E, and instrument errors that fit it."""
+"""Residual that no effect explains: its size and its effect on E."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.covariates import OTHER_BINS, covariate_steps, indicators
+from calibration.diagnosis.covariates import OTHER_BINS, covariate_steps, indicators, press_terms
 from calibration.diagnosis.forward_selection import Searched
-from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import SCATTER, Scored, ScoreTest
 from calibration.diagnosis.sensitivity import Absorbed
-from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.conditions import covariates
-from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model.stages import Effect, Parameter
 from calibration.noise.model import Scatter
 from tactilevision.records.constants import KILO, TINY, Z95
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.measured import Floats
 
 # Whether a significant residual matters: its effect on E, and on a force or a depth that is read.
 #
@@ -37,7 +31,7 @@ from tactilevision.records.measured import Floats, Pair
 #
 #     y = f + J a + D b + noise,    b ~ N(0, s^2),
 #
-# D its steps, s the likeliest on a grid; an instrument error is fitted instead. E may be off by the shift that it
+# D its steps, s the likeliest on a grid. E may be off by the shift that it
 # brings and by the std that it adds; forces by D b less the part that J absorbs. It matters where E is off by more
 # than MATTERS std of its own, or, at one sample in ten, a force by more than MATTERS std of one press's reading
 # (its gain, its zero and its sample). It is described, never corrected.
@@ -72,9 +66,7 @@ class Remainder:
     def sentence(self) -> str:
         """A warning in words."""
         size, off = KILO * self.rms_mm, 100 * abs(self.E_off)
-        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.covariate), "")
-        on = f"as of {plain}" if plain else f"over {self.covariate}"
-        return f"the residual amounts to {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
+        return f"the residual amounts to {size:.2g} µm of depth (over {self.covariate}); E moves by {off:.1g} %"
 
     def as_json(self) -> dict[str, Any]:
         """Its entry `left_over` in diagnosis.json."""
@@ -89,17 +81,10 @@ def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None
 
 
 def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:
-    steps, plain = covariate_steps(fitted), {error.key: error for error in INSTRUMENT_ERRORS}
-    found = []
+    steps, found = press_terms(fitted) | covariate_steps(fitted), []
     for key in keys:
         if key == SCATTER:
             found.append(_scattered(fitted))
-        elif key in plain:
-            try:
-                one = refit_with(fitted, plain[key])
-            except CANNOT_FIT:
-                continue
-            found.append(_sized(fitted, key, one.force_N - fitted.force_N, _off(fitted, one.values), std_E))
         else:
             table = steps[key] if key in steps else _zeros(fitted, key)
             found.append(_sized(fitted, key, *_random_function(fitted, table), std_E))
@@ -120,12 +105,6 @@ def _std_of_E(fitted: Fit) -> float:
     if E.value is None or E.interval95 is None:
         return float("inf")
     return (E.interval95[1] - E.interval95[0]) / (2 * Z95) / E.value
-
-
-def _off(fitted: Fit, values: Floats) -> float:
-    """Return E of other values over that of the fit, less 1; the law's parameters come first."""
-    at = _modulus(fitted)
-    return 0.0 if at is None else float(values[at] / fitted.values[at] - 1)
 
 
 def _sized(fitted: Fit, key: str, left_N: Floats, E_off: float, std_E: float) -> Remainder:
@@ -179,112 +158,6 @@ def _scattered(fitted: Fit) -> Remainder:
     return _sized(fitted, SCATTER, left, 0.0, float("inf"))
 
 
-# The effects of a search compared with one instrument error outside the catalogue (point 4c of `decision.decide`).
-#
-# Several effects together can mimic one function of one covariate (a creeping force sensor looks like a relaxation
-# with an adhesion). An instrument error counts where it is significant on the fit that the search began with and
-# its fit lies inside its range. Under the noise that the search ended with it costs chi^2 + 2 q + 2 ln(starts).
-# The effects named do not stand where it costs at most AS_GOOD more than all of them, and AS_GOOD less than each
-# alone.
-
-EDGE = 0.02  # of a range: a fit this near its end has no determined size
-
-
-@dataclass(frozen=True, slots=True)
-class AlternativeExplanation:
-    """An instrument error that explains as much as effects together: its words, covariate and fitted sizes.
-
-    `instead_of` has the keys of these effects, `cheaper` by how much less chi^2 + 2 q it costs.
-    """
-
-    key: str
-    words: str
-    covariate: str
-    sizes: tuple[tuple[Parameter, float], ...]
-    instead_of: tuple[str, ...]
-    cheaper: float
-    modulus_MPa: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {
-            "key": self.key,
-            "what": self.words,
-            "covariate": self.covariate,
-            "parameters": {p.name: {"value": value, "unit": p.unit} for p, value in self.sizes},
-            "instead_of": list(self.instead_of),
-            "cheaper_by": self.cheaper,
-        }
-
-
-def plain_errors(searched: Searched, each: Each = in_turn) -> tuple[Candidate, ...]:
-    """Return each instrument error on the fit that a search began with, the nearest first."""
-    begin = _begin(searched)
-    return tuple(sorted(_fitted(begin, INSTRUMENT_ERRORS, each), key=lambda one: _penalised_chi2(one, begin)))
-
-
-def alternative_explanation(
-    searched: Searched, plain: Sequence[Candidate], *, level: float = LEVEL
-) -> AlternativeExplanation | None:
-    """Return which of `plain_errors` explains as much as all effects added, more than each alone; None: none."""
-    named, start, begin = [step.best.effect for step in searched.steps], searched.start, _begin(searched)
-    paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
-    standing = {s.key for s in searched.first.others if s.p_adjusted <= level}
-    best = next((one for one in plain if one.effect.key in standing and _inside(one, begin)), None)
-    if best is None or _penalised_chi2(best, begin) >= paid + (AS_GOOD if named else -AS_GOOD):
-        return None
-    if _penalised_chi2(best, begin) >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
-        return None
-    assert isinstance(best.effect, InstrumentError)
-    return AlternativeExplanation(
-        best.effect.key,
-        best.effect.words,
-        best.effect.covariate,
-        tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True)),
-        tuple(effect.key for effect in named),
-        paid - _penalised_chi2(best, begin),
-        float(best.values[0]),
-    )
-
-
-def _penalised_chi2(one: Candidate, begin: Fit) -> float:
-    """Return chi^2 + 2 q + 2 ln(starts)."""
-    return one.cost + 2 * float(np.log(len(one.effect.starts(begin.data))))
-
-
-def _inside(one: Candidate, begin: Fit) -> bool:
-    """Return whether no parameter lies at an end of its range; an angle has none."""
-    assert isinstance(one.effect, InstrumentError)
-    return all(
-        p.unit == "rad" or _clear(value, p.bounds)
-        for value, p in zip(one.own_values, one.effect.parameters_on(begin.data), strict=True)
-    )
-
-
-def _clear(value: float, bounds: Pair) -> bool:
-    """Return whether a value is clear of both ends, relative to them where the range is of one sign (times)."""
-    low, high = bounds
-    near_low, near_high = (EDGE * abs(end) if low > 0 else EDGE * (high - low) / 10 for end in bounds)
-    return low + near_low < value < high - near_high
-
-
-def _begin(searched: Searched) -> Fit:
-    return replace(searched.start, noise=searched.current.noise)
-
-
-def suggested(fitted: Fit) -> tuple[Candidate, ...]:
-    """Return instrument errors that lower chi^2 + 2 q of a fit, the best first: what to try, not what is there."""
-    others = [one for one in INSTRUMENT_ERRORS if one.key not in fitted.model.keys]
-    better = [one for one in _fitted(fitted, others) if one.cost < fitted.chi2 - AS_GOOD]
-    return tuple(sorted(better, key=lambda one: one.cost))
-
-
-def _fitted(begin: Fit, effects: Sequence[Effect], each: Each = in_turn) -> Iterator[Candidate]:
-    for fetch in each(partial(refit_with, begin), [one for one in effects if not one.missing(begin.data)]):
-        with suppress(*CANNOT_FIT):
-            yield fetch()
-
-
 # Description of an unexplained residual: its size, the depth over which it varies, the covariates it depends on.
 #
 # The mean residual in bins of depth is a Gaussian process, covariance s^2 exp(-(w - w')^2/(2 l^2)), plus the bins'
@@ -307,14 +180,6 @@ class Unexplained:
     rms_N: float
     length_mm: float
     covariates: tuple[str, ...]
-
-
-def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:
-    """Return the residual of a search; where `plain` replaces its steps, that of its start."""
-    if plain is None:
-        return describe(searched.current, searched.last.covariates)
-    found = describe(searched.start, searched.first.covariates)
-    return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
 
 
 def describe(fitted: Fit, scored: tuple[Scored, ...]) -> Unexplained:

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
 
-from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
@@ -20,6 +19,8 @@ CATALOGUE = (
     *("edge_fillet", "backing_compliance", "lateral_boundary", "thickness", "thickness_wedge", "skin"),
     *("friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
+    *("soft_zone", "backlash", "screw_error", "clock_rate", "force_drift", "zero_creep", "force_hysteresis"),
+    *("force_travel", "gain_drift", "sensor_creep", "force_filter"),
 )
 
 
@@ -30,25 +31,22 @@ def _effect(key: str) -> Effect:
 
 
 EFFECTS: Mapping[str, Effect] = MappingProxyType({key: _effect(key) for key in CATALOGUE})
-PLAIN: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in INSTRUMENT_ERRORS})
 
 
 def get_effect(key: str) -> Effect:
-    """Return the effect of the catalogue, or the instrument error, of this key.
+    """Return the effect of the catalogue of this key.
 
     "viscoelasticity:2" has two terms. Raises InputError for an unknown key.
     """
     name, _, terms = key.partition(":")
     if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
         return Viscoelasticity(terms=int(terms))
-    if key in PLAIN:
-        return PLAIN[key]
     if key not in EFFECTS:
         raise InputError(
             "there is no effect of this name",
             where="effect",
             value=key,
-            remedy=f"Choose among: {', '.join(EFFECTS)}; of instrument errors: {', '.join(PLAIN)}.",
+            remedy=f"Choose among: {', '.join(EFFECTS)}.",
         )
     return EFFECTS[key]
 

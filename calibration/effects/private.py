@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from calibration.effects import EFFECTS, PLAIN
+from calibration.effects import EFFECTS
 from calibration.model.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import limit
@@ -118,7 +118,7 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
         raise InputError(f"the effect cannot be made: {type(fault).__name__}: {fault}", where=where) from fault
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
         raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
-    if not isinstance(effect.key, str) or effect.key in {*EFFECTS, *PLAIN}:
+    if not isinstance(effect.key, str) or effect.key in EFFECTS:
         said = "an effect's key is a name that no effect of the catalogue has"
         raise InputError(said, where=where, value=effect.key, remedy="Choose another name, in quotes.")
     return effect
@@ -130,7 +130,7 @@ def new_effect(path: Path | str, key: str) -> None:
     Raises InputError for a key that is no name in Python or one of the catalogue's, OutputError where the file
     exists.
     """
-    if not key.isidentifier() or keyword.iskeyword(key) or key in {*EFFECTS, *PLAIN}:
+    if not key.isidentifier() or keyword.iskeyword(key) or key in EFFECTS:
         raise InputError(
             "an effect's key is one word that no effect of the catalogue has",
             where="--key",

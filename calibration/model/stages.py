@@ -180,7 +180,8 @@ class EffectBase:
     that it applies to; None: any. `condition`: the condition of the rig that it fits ("sticking", "edge",
     "thickness"), which is otherwise stated or assumed. `instead_of_beta`: its rank, from 1, among the explanations
     of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to the observations once the effect is
-    added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed starts of a fit, a row each.
+    added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed starts of a fit, a row each. `searched`:
+    number of forms n that its starts search, which costs 2 ln n of chi^2 beyond 2 a parameter.
     """
 
     key: ClassVar[str] = ""
@@ -191,6 +192,7 @@ class EffectBase:
     separated_by: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
     threshold: ClassVar[bool] = False
+    searched: ClassVar[int] = 1
     same_over: ClassVar[tuple[str, ...]] = ()
     reads_force: ClassVar[bool] = False
     asks_readings: ClassVar[bool] = False

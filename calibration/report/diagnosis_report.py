@@ -13,8 +13,7 @@ from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Failure, few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
-from calibration.effects import PLAIN, get_effect
-from calibration.effects.instrument_errors import InstrumentError
+from calibration.effects import get_effect
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
 from calibration.laws.theory import stated_outside_gels
@@ -98,7 +97,6 @@ def diagnosis_page(
         *_misfit(found, reliefs, folder, progress),
         page.section(
             _explains(found),
-            _plain(found, folder),
             *figures.keep_falls(falls, folder),
             *(card for key, card in cards.items() if key not in tried),
             _outside(found),
@@ -151,19 +149,6 @@ def _explains(found: Diagnosis) -> str:
     if found.verdict == "UNKNOWN":
         return "What comes nearest"
     return "What may explain it" if len(found.candidates) > len(found.effects) else "What explains it"
-
-
-def _plain(found: Diagnosis, folder: FigureFolder) -> str:
-    """Return the card of the instrument error nearest to what no effect explains; "" where there is none."""
-    if (plain := found.remainder.plain) is None:
-        return ""
-    words = getattr(PLAIN[plain.effect.key], "words", in_words(plain.effect.key))
-    said = (
-        "No effect of the catalogue has this form. An instrument error comes nearest; only another measurement "
-        "can show whether the rig has it."
-    )
-    picture = figures.keep_overlay(found.fits.fitted, plain, folder)
-    return _box(f"Instrument error: {words}", picture, _sizes(plain), page.paragraph(said))
 
 
 def _box(title: str, picture: str, rows: Sequence[tuple[str, str]], said: str = "") -> str:
@@ -232,7 +217,7 @@ def _parameter(name: str) -> str:
 
 def _meaning(key: str, name: str) -> str:
     """Return the meaning of an effect's parameter."""
-    effect = PLAIN.get(key) or _about(key)
+    effect = _about(key)
     known = {} if effect is None else {p.name: p.meaning for p in effect.parameters}
     return known.get(name) or _parameter(name)
 
@@ -363,9 +348,7 @@ def _verdict_sentence(found: Diagnosis) -> str:
         case "AMBIGUOUS":
             return _ambiguous(found)
         case _ if found.presses.odd:
-            return f"{_odd(found)}.{_instrument_error(found)} Look at these presses before E is used."
-        case _ if found.remainder.alternative_explanation is not None:
-            return f"An effect is missing from the model, but none of the catalogue: {_otherwise(found)}."
+            return f"{_odd(found)}. Look at these presses before E is used."
         case _ if found.remainder.left is None and found.search.sight is not None:
             with_it = f", {named} allowed for" if named else ""
             return (
@@ -375,7 +358,7 @@ def _verdict_sentence(found: Diagnosis) -> str:
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
-            return f"Something is missing from the model{known} {what}.{_nearest(found)}{_instrument_error(found)}"
+            return f"Something is missing from the model{known} {what}.{_nearest(found)}"
 
 
 def _ambiguous(found: Diagnosis) -> str:
@@ -513,19 +496,6 @@ def _left(found: Diagnosis) -> str:
     return f" ({', '.join(parts)})" if parts else ""
 
 
-def _otherwise(found: Diagnosis) -> str:
-    """Return the instrument error that explains a misfit as well as effects together, or better."""
-    plain = found.remainder.alternative_explanation
-    assert plain is not None
-    sizes = ", ".join(f"{p.meaning} {amount(p, value)}" for p, value in plain.sizes)
-    keys = [in_words(key) for key in plain.instead_of]
-    if not keys:
-        return f"{plain.words} ({sizes}) comes nearest to it"
-    better = "better than" if plain.cheaper > 0 else "as well as"
-    together = " together" if len(keys) > 1 else ""
-    return f"{plain.words} ({sizes}) explains it {better} {' and '.join(keys)}{together}"
-
-
 def _nearest(found: Diagnosis) -> str:
     """Return a sentence on the effect nearest to the misfit."""
     if found.remainder.nearest is None or found.remainder.nearest[1] < NEAR:
@@ -533,15 +503,6 @@ def _nearest(found: Diagnosis) -> str:
     keys, share = found.remainder.nearest
     named = " with ".join(in_words(key) for key in keys.split("+"))
     return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
-
-
-def _instrument_error(found: Diagnosis) -> str:
-    """Return a sentence on the instrument error nearest to the misfit."""
-    if found.remainder.plain is None or not isinstance(found.remainder.plain.effect, InstrumentError):
-        return ""
-    effect, values = found.remainder.plain.effect, found.remainder.plain.own_values
-    first, size = effect.parameters[0], float(values[0])
-    return f" Of instrument errors the nearest is {effect.words} ({first.meaning} {amount(first, size)})."
 
 
 def shown_size(found: Diagnosis, key: str) -> str:

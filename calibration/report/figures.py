@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.vision_depth_check import unseen_beside
-from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
@@ -267,6 +266,6 @@ def _dependence(one: ResidualMap) -> str:
 def keep_overlay(base: Fit, candidate: Candidate, folder: FigureFolder) -> str:
     """Draw the residual that a candidate would leave, over the residuals without it and with it."""
     key = candidate.effect.key
-    name = "the instrument error" if key in PLAIN else key.replace("_", " ")
+    name = key.replace("_", " ")
     words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
     return folder.keep(draw.draw_overlay(overlay(base, candidate), name), f"candidates/{key}.png", caption=words)

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.refit import CANNOT_FIT, adopt, held_out_rms, refit_with
+from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, adopt, held_out_rms, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
-from calibration.diagnosis.unexplained import suggested
 from calibration.diagnosis.vision_depth_check import face_error_mm, fit_vision_depth, in_picture, reading_error_mm
-from calibration.effects import get_effect
+from calibration.effects import EFFECTS, get_effect
 from calibration.fit import depth_noise
-from calibration.fit.least_squares import Fit, fit
+from calibration.fit.least_squares import Fit, fit, unexplained
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
@@ -32,7 +31,7 @@ from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 # The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
@@ -82,6 +81,7 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.
 
+TRIED = 5  # effects of the largest scores that are fitted to suggest one
 MANY = 8  # starts of an effect that are all fitted; of more the best
 
 
@@ -158,7 +158,7 @@ class Comparison:
 
     `stated` are the measurements as recorded, without what else is known of nu. `left_out` are the effects that
     could not be added, and why; `pictured` the models of the picture's depth
-    compared with the certified one, where there are both; `suggested` the keys of instrument errors that would
+    compared with the certified one, where there are both; `suggested` the keys of effects that would
     lower the last model's error by more than they cost.
     """
 
@@ -169,7 +169,7 @@ class Comparison:
     suggested: tuple[str, ...] = ()
 
     def as_json(self) -> list[dict[str, Any]]:
-        """Return the content of comparison.json: the last model of the force names instrument errors to try."""
+        """Return the content of comparison.json: the last model of the force names effects to try."""
         content = [model.as_json(self.models[0]) for model in self.models]
         content[-1]["suggested"] = list(self.suggested)
         return [*content, *(model.picture_as_json(self.pictured[0]) for model in self.pictured)]
@@ -258,11 +258,26 @@ def with_effect(
 
 
 def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
-    """Return keys of instrument errors to try, where the last model's residual is significant."""
+    """Return keys of effects to try, the best first, where the last model's residual is significant.
+
+    Those of the largest scores are fitted; they lower chi^2 + 2 q by more than AS_GOOD.
+    """
     last = found.models[-1]
     if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > BEYOND_CHANCE:
         return ()
-    return tuple(one.effect.key for one in suggested(last.fitted))
+    base, fits = last.fitted, []
+    tables, _ = effect_directions(base, list(EFFECTS.values()))
+    white = base.whitener.apply(np.column_stack([base.jacobian[:, base.free], base.residual_N, *tables.values()]))
+    count = int(np.count_nonzero(base.free))
+    z, *rest = unexplained(white[:, :count], white[:, count:]).T
+    gains = np.square(rest @ z) / np.maximum(np.sum(np.square(rest), axis=1), NONZERO)
+    ends = np.cumsum([table.shape[1] for table in tables.values()])[:-1]
+    largest = dict(zip(tables, (float(part.max()) for part in np.split(gains, ends)), strict=True))
+    for key in sorted(largest, key=lambda one: -largest[one])[:TRIED]:
+        with suppress(*CANNOT_FIT):
+            fits.append(refit_with(base, EFFECTS[key]))
+    better = [one for one in fits if one.cost < base.chi2 - AS_GOOD]
+    return tuple(one.effect.key for one in sorted(better, key=lambda one: one.cost))
 
 
 def _in_picture(found: Comparison, effect: Effect) -> tuple[Compared, ...] | None:

@@ -27,7 +27,7 @@ from calibration.diagnosis.forward_selection import Searched, Step, forward_sele
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
-from calibration.diagnosis.unexplained import nearest, unexplained
+from calibration.diagnosis.unexplained import describe, nearest
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
 from calibration.fit.depth_noise import with_errors_in_depth
@@ -171,9 +171,7 @@ def _diagnosed(
     watch.tell("fitting the base model")
     begin = base_fit(model, data)
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
-    force = decision.against_instrument_errors(
-        decision.outcome(found_there, level, decision.odd_presses(found_there, level)), watch, level=level
-    )
+    force = decision.outcome(found_there, level, decision.odd_presses(found_there, level))
     sight = None
     if seen is not None:
         others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
@@ -236,7 +234,6 @@ def _determine(
     suspects = decision.instead_of_beta() if decision.STRANGE_BETA & set(flags) else ()
     explained, instead = decision.would_have_to_be(base, suspects), _refitted(base, suspects)
     moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
     shares = [modulus / float(base.values[0]) for modulus in moduli]
     after, unseen = _material(alone, (force, sight), catalogue, shares)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
@@ -244,7 +241,7 @@ def _determine(
     candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
-    left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
+    left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
     small = limits(fitted, looked, candidates=candidates, missing=missing, visible=visible)
     bias = small.possible_bias
     next_best = plan_next(base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=bias)
@@ -268,8 +265,6 @@ def _determine(
             left=left,
             left_over=force.remainder,
             nearest=next((nearest(one.searched) for one in both if one.unknown), None),
-            plain=force.plain,
-            alternative_explanation=force.alternative_explanation,
             change_point=change_point(fitted, rng) if force.unknown else None,
             would_have_to_be=explained,
         ),

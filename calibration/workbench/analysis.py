@@ -22,7 +22,6 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.vision_depth_check import in_picture
-from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
@@ -113,9 +112,8 @@ def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Eviden
     """Return the evidence for every other effect, the most significant first, untestable ones last."""
     base, rng = now.found.models[-1].fitted, np.random.default_rng(seed)
     tested = score_test(base, opened.catalogue, rng=rng, of_rig=True)
-    known = {effect.key: effect for effect in (*opened.catalogue, *PLAIN.values())}
-    others = [one for one in tested.others if one.key in PLAIN]
-    scored = sorted((*tested.effects, *others), key=lambda one: (one.p_adjusted, -one.statistic))
+    known = {effect.key: effect for effect in opened.catalogue}
+    scored = sorted(tested.effects, key=lambda one: (one.p_adjusted, -one.statistic))
     pictured = _of_picture(now, rng)
     there = {one.effect.key for one in pictured}
     found = [Evidence(known[one.key], one.p_adjusted) for one in scored if one.key not in there]
@@ -170,8 +168,8 @@ class Verdict:
     """Result of a diagnosis in words: verdict, its sentence, remarks, and what to measure next.
 
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
-    `measure_next`: action, minutes and expected separation in std; `nearest`: the nearest instrument error where
-    no effect was named, else empty.
+    `measure_next`: action, minutes and expected separation in std; `nearest`: the nearest effect of an
+    UNKNOWN, else empty.
     """
 
     word: str = ""
@@ -274,5 +272,5 @@ def diagnosed(
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
-        nearest="" if found.remainder.plain is None else found.remainder.plain.effect.key,
+        nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
     )

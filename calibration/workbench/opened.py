@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.effects import EFFECTS, PLAIN, get_effect
+from calibration.effects import EFFECTS, get_effect
 from calibration.inputs.observations import Measured, Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
@@ -158,7 +158,7 @@ class Opened:
         """Return the kind of an effect in words."""
         if any(one.key == key for one in self.private):
             return "your own"
-        return "instrument error" if key in PLAIN else "effect"
+        return "effect"
 
 
 def file_marks(paths: Sequence[Path]) -> Marks:

@@ -1,0 +1,49 @@
+"""Rate by which the clocks of force and depth differ.
+
+    w(t) -> w(t - r (t - t_1)),    t_1 the time of the first sample
+
+The offset of the clocks grows with the time since the recording began. Range: |r| up to .005, and offsets up to
+1 s; vanishes at r = 0. Source: definition.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.inputs.conditions import missing_times
+from calibration.inputs.denoised_depth import denoised_depth
+from calibration.inputs.depth_path import depth_at
+from calibration.inputs.observations import Observations
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
+from tactilevision.records.measured import Floats
+
+
+class ClockRate(EffectBase):
+    """One relative difference of the clocks' rates."""
+
+    key = "clock_rate"
+    title = "the clocks of depth and force run at different rates"
+    stage = Stage.DEPTH
+    seen_in = ("load/unload", "order")
+    confused_with = ("clock_offset", "viscoelasticity")
+    separated_by = ("a tap at the beginning and at the end",)
+    source = "definition"
+    order = 63
+    largest = 0.002
+    check = ManualCheck("tap the sensor at the beginning and at the end: by how much do the clocks differ?", 3)
+    parameters = (amplitude("rate", "1", 0.005, "rate of the F/T clock over the other's, less 1", 2e-4),)
+
+    def missing(self, data: Observations) -> str:
+        """Return why these data cannot show it; empty where they can."""
+        why = "" if data.is_timed else "needs depth and force over time within a press (curves)"
+        return why or missing_times(data)
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Return the state with the depth of another time."""
+        if values[0] == 0:
+            return state
+        smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
+        later = -values[0] * (data.time_s - np.min(data.time_s))
+        return state.plus(depth_mm=depth_at(smooth, later) - smooth.depth_mm)
