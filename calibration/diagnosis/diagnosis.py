@@ -10,6 +10,7 @@ import numpy as np
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
+from calibration.diagnosis.press_contrast import PressContrast
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.sensitivity import Limits, UndetectedEffect
 from calibration.diagnosis.unexplained import Remainder, Unexplained
@@ -136,11 +137,15 @@ class UnexplainedMisfit:
 
 @dataclass(frozen=True, slots=True)
 class OddPresses:
-    """Presses unlike the others; those `set_aside`, and the verdict `without` them."""
+    """Presses unlike the others; those `set_aside`, and the verdict `without` them.
+
+    `contrast`: presses that differ over a covariate, where that is not explained by an effect of another name.
+    """
 
     odd: OutlyingPresses = field(default_factory=OutlyingPresses)
     set_aside: tuple[str, ...] = ()
     without: str = ""
+    contrast: PressContrast | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +200,7 @@ class Diagnosis:
             "would_have_to_be": [asdict(one) for one in rest.would_have_to_be],
             "odd_presses": list(presses.odd.presses),
             "set_aside": {"presses": list(presses.set_aside), "verdict_without": presses.without or None},
+            "press_contrast": presses.contrast and presses.contrast.as_json(),
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in presses.odd.wanders],
             "not_testable": [{"key": key, "why": why} for key, why in limits.not_testable.items()],
             "possible_bias_of_E": dict(limits.possible_bias),

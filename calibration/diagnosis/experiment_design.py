@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.press_contrast import PressContrast
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.diagnosis.score_test import SCATTER
 from calibration.diagnosis.unexplained import Unexplained
@@ -212,6 +213,7 @@ def _by_hand(check: ManualCheck) -> NextMeasurement:
 
 # The plan: presses that distinguish candidates, and checks of the residual.
 
+PLACES = ("x", "y", "azimuth")  # covariates of the place on the pad
 WORTH = 0.5  # std: least separation of an action that is proposed
 MAX_SIGMA = 10  # std: a larger separation counts as this one
 
@@ -220,12 +222,12 @@ def plan_next(
     base: Fit,
     sets: Sequence[Sequence[tuple[Candidate, ...]]],
     *,
-    odd: OutlyingPresses,
+    again: Sequence[NextMeasurement],
     left: Unexplained | None,
     instead: Sequence[Candidate],
     bias: Mapping[str, float],
 ) -> tuple[NextMeasurement, ...]:
-    """Return what to do: odd presses, then checks of the residual, candidates, then effects not detectable.
+    """Return what to do: presses `again`, then checks of the residual, candidates, then effects not detectable.
 
     `sets`: for each search, the candidates of each step; `instead`: those of a beta out of theory.
     """
@@ -241,12 +243,16 @@ def plan_next(
     worth.sort(key=lambda plan: -min(plan.separation_sigma, MAX_SIGMA) / plan.minutes)
     seen = left.covariates if left is not None else ()
     follow = [_by_hand(check) for check in dict.fromkeys(FOLLOW[key] for key in seen if key in FOLLOW)]
-    found = [*press_again(odd), *follow, *worth, *of_hidden(bias)]
+    found = [*again, *follow, *worth, *of_hidden(bias)]
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
 
 
-def press_again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
+def press_again(odd: OutlyingPresses, contrast: PressContrast | None = None) -> tuple[NextMeasurement, ...]:
     """Return the repetition of presses that are unlike the others."""
+    if contrast is not None and contrast.covariate in PLACES:
+        where = f"{contrast.covariate} = {contrast.at:.2g} {contrast.unit}"
+        action = f"press again on both sides of {where}, and look at the pad there against the light"
+        return (NextMeasurement(action, 5),)
     if odd.presses:
         names = ", ".join(odd.presses)
         action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)

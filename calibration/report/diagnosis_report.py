@@ -25,6 +25,7 @@ from calibration.report.misfit import BASE, error_falls, force_curves, residual_
 from calibration.report.wording import in_words
 from calibration.tasks.compare import as_comparison
 from tactilevision.errors import InputError
+from tactilevision.recording.layout import some
 from tactilevision.records.constants import KILO
 
 ANEW = (
@@ -128,6 +129,7 @@ def _misfit(
     scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
     curves = force_curves(fits)
     force = [
+        *figures.keep_pad(found, folder),
         *figures.keep_odd_presses(found, folder),
         *figures.keep_presses(curves, base.data.gel.thickness_mm, folder),
         *figures.keep_strips(residual_strips(fits, scored), folder),
@@ -315,6 +317,7 @@ def _bias(share: float | None) -> str:
 
 # The verdict in words: what is wrong with the rig or the gel, and what E's interval allows for.
 
+MANY = 8  # presses that are all named
 NEAR = 0.1  # least share of a misfit, of an interval or of its widening that is reported
 SHARES = ("relative", "gain")  # parameters given in per cent
 
@@ -322,7 +325,19 @@ SHARES = ("relative", "gain")  # parameters given in per cent
 def verdict_sentence(found: Diagnosis) -> str:
     """Return the verdict in one sentence, and one more where E rests on an implausible nu."""
     stated = stated_outside_gels(found.fits.base.data.gel)
-    return _verdict_sentence(found) + (f" {stated}." if stated else "")
+    return _verdict_sentence(found) + contrast_sentence(found) + (f" {stated}." if stated else "")
+
+
+def contrast_sentence(found: Diagnosis) -> str:
+    """Return which presses are softer or stiffer than the others, where and by how much; else empty."""
+    one = found.presses.contrast
+    if one is None:
+        return ""
+    side, way = ">" if one.above else "<", "softer" if one.relative < 0 else "stiffer"
+    unit = f" {one.unit}" if one.unit else ""
+    size = f"{100 * abs(one.relative):.0f} ± {100 * one.std:.1g} %"
+    named = ", ".join(one.presses) if len(one.presses) <= MANY else some(one.presses)
+    return f" Presses {named} ({one.covariate} {side} {one.at:.2g}{unit}) are {size} {way} than the others."
 
 
 def _verdict_sentence(found: Diagnosis) -> str:

@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.experiment_design import PLACES
+from calibration.diagnosis.press_contrast import press_gains
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.vision_depth_check import unseen_beside
 from calibration.fit.least_squares import Fit
@@ -217,6 +220,19 @@ def keep_odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
     words = "How far each press lies from the others, as an offset of its depth. Blue: like the others"
     words += "; orange: it cannot be one of them." if any(offsets.odd) else "."
     return [folder.keep(draw.draw_offsets(offsets), "offsets.png", caption=words)]
+
+
+def keep_pad(found: Diagnosis, folder: FigureFolder) -> list[str]:
+    """Draw the presses on the pad, where their stiffness depends on the place."""
+    contrast, base = found.presses.contrast, found.fits.base
+    if contrast is None or contrast.covariate not in PLACES:
+        return []
+    presses = base.data.presses
+    named = np.isin(np.array(presses.label), contrast.presses)
+    place = np.nan_to_num(np.column_stack([presses.x_mm, presses.y_mm]))
+    drawn = draw.draw_pad(place, press_gains(base), presses.label, named)
+    words = "Relative stiffness of each press about the base model, at its place. Orange: the presses that differ."
+    return [folder.keep(drawn, "pad.png", caption=words)]
 
 
 def keep_confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:

@@ -24,12 +24,14 @@ from calibration.diagnosis.diagnosis import (
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
+from calibration.diagnosis.press_contrast import press_contrast
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
 from calibration.diagnosis.unexplained import describe, nearest
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
+from calibration.effects.soft_zone import SoftZone
 from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
@@ -213,7 +215,7 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     return replace(
         rest,
         verdict="UNKNOWN" if foreign else rest.verdict,
-        presses=OddPresses(odd, set_aside=aside, without=rest.verdict),
+        presses=replace(rest.presses, odd=odd, set_aside=aside, without=rest.verdict),
         fits=replace(rest.fits, whole=whole.fits.fitted),
         flags=("press_stands_out", *rest.flags),
         measure_next=tuple(plans.values()),
@@ -244,7 +246,10 @@ def _determine(
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
     small = limits(fitted, looked, candidates=candidates, missing=missing, visible=visible)
     bias = small.possible_bias
-    next_best = plan_next(base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=bias)
+    local = SoftZone.key in candidates or force.unknown
+    contrast = press_contrast(base, force.searched.first.covariates, level=LEVEL) if local else None
+    again = press_again(force.odd, contrast)
+    next_best = plan_next(base, [one.sets for one in both], again=again, left=left, instead=instead, bias=bias)
     return Diagnosis(
         verdict=decision.decide(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
@@ -268,7 +273,7 @@ def _determine(
             change_point=change_point(fitted, rng) if force.unknown else None,
             would_have_to_be=explained,
         ),
-        presses=OddPresses(force.odd),
+        presses=OddPresses(force.odd, contrast=contrast),
         limits=small,
         measure_next=next_best,
         fits=Fits(base, fitted, steps),

@@ -71,6 +71,25 @@ def draw_offsets(shown: Offsets) -> Figure:
 
 
 @style.house_look
+def draw_pad(place_mm: Floats, stiffer: Floats, labels: Sequence[str], named: Bools) -> Figure:
+    """Draw the presses (M,) at their places (M, 2), coloured by relative stiffness; `named` ones by label."""
+    figure, (axes,) = style.new_figure()
+    most = 100 * float(np.max(np.abs(stiffer)))
+    ring = [style.ORANGE if one else style.GREY for one in named]
+    colours: dict[str, Any] = {"c": 100 * stiffer, "cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    dots = axes.scatter(place_mm[:, 0], place_mm[:, 1], s=160, edgecolors=ring, linewidths=2, **colours)
+    beyond: dict[str, Any] = {"xytext": (9, 9), "textcoords": "offset points", "color": style.ORANGE}
+    for x, y in np.unique(place_mm[named], axis=0).tolist():
+        here = np.flatnonzero(named & (place_mm == (x, y)).all(axis=1)).tolist()
+        axes.annotate(", ".join(style.as_label(labels[k]) for k in here), (x, y), **beyond)
+    style.colour_bar(axes, dots, "stiffness over the mean (%)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(LOOK.room)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", title="Stiffness over the pad")
+    return figure
+
+
+@style.house_look
 def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
     """Draw the separation (effects, effects), in std, of the row's effect from the best fit of the column's.
 
