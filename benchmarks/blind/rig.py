@@ -12,6 +12,9 @@ from benchmarks.blind.world import World
 from tactilevision.records.measured import Floats
 
 
+RANGE_N = 1.0  # N, above which an amplifier with two ranges has another zero
+
+
 @dataclass(frozen=True, slots=True)
 class Reads:
     """All samples, (M, T): time, depth, force (M, T, 3) and the depth that the picture gives; without noise at
@@ -37,6 +40,7 @@ def read(world: World, design: Design) -> Reads:
     side = side + lean * [np.cos(world.shapes.get("azimuth", 0)), np.sin(world.shapes.get("azimuth", 0))]
     across = world.amount("force_crosstalk") * (side @ _direction(world))
     normal_read = normal + across + world.amount("force_bias") + _creep(world, motion)
+    normal_read = normal_read + world.amount("two_ranges") * (normal > RANGE_N)
     depth = _depth_read(world, motion, late, normal)
     return Reads(
         motion.sample_s, depth, np.dstack([side, normal_read]), _picture(world, motion, true), motion.phase
@@ -47,9 +51,9 @@ def _depth_read(world: World, motion: Motion, late: Floats, normal: Floats) -> F
     if world.source == "vision":
         late = _picture(world, motion, late)
     depth = late + world.amount("backing_compliance") * normal - world.amount("depth_zero")
-    if world.amount("periodic_stage"):
+    if world.amount("screw_error"):
         turn = 2 * np.pi / world.shape("period_mm")
-        depth = depth + world.amount("periodic_stage") * np.sin(turn * late + world.shape("azimuth"))
+        depth = depth + world.amount("screw_error") * np.sin(turn * late + world.shape("azimuth"))
     back = np.array([word == "unload" for word in motion.phase])
     depth = depth + world.amount("backlash") * back
     # the bevel stands for a depth that the risen gel met early
@@ -67,7 +71,7 @@ def _picture(world: World, motion: Motion, true: Floats) -> Floats:
 
 def _creep(world: World, motion: Motion) -> Floats:
     """The force sensor's zero runs away from the moment of touch, and is back at the next press."""
-    size = world.amount("sensor_creep")
+    size = world.amount("zero_creep")
     if not size:
         return np.zeros_like(motion.sample_s)
     touch = np.array(

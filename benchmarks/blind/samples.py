@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] = ()) -> None:
         shutil.rmtree(root / name, ignore_errors=True)
     make_rig(root / "hidden_rig")
     make_curves(root / "hidden_material", SEED + 1, {"viscoelasticity": 0.05})
-    make_curves(root / "hidden_unknown", SEED + 2, {"periodic_stage": 0.006})
+    make_curves(root / "hidden_unknown", SEED + 2, {"two_ranges": 0.03})
     make_curves(root / "hidden_two", SEED + 3, TWO)
     for name, text in READMES.items():
         write_text(root / name / "README.md", text)
@@ -77,7 +77,7 @@ def make_curves(folder: Path, seed: int, amounts: dict[str, float]) -> None:
     """Whole curves of the rich design, sampled more densely."""
     rng = np.random.default_rng(seed)
     design = _dense(rich(rng))
-    source = "stage" if "periodic_stage" in amounts else "vision"
+    source = "stage" if "screw_error" in amounts else "vision"
     world: World = replace(draw_world(rng), amounts=amounts, source=source)
     noise = Noise()
     reads = add_noise(read(world, design), noise, rng)
@@ -121,7 +121,7 @@ depth. None of it shares a formula with `calibration`.
 
 _MATERIAL = _CURVES.format(title="hidden_material: simulated curves of a gel with a secret", source="vision")
 _TWO = _CURVES.format(title="hidden_two: simulated curves of a gel with two secrets", source="vision")
-_UNKNOWN = _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue", source="the motion stage")
+_UNKNOWN = _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue", source="vision")
 
 READMES = {
     "hidden_rig": _RIG + _END.format(seed=SEED, name="hidden_rig"),

@@ -34,7 +34,7 @@ def small_set(first_seed: int = 1) -> tuple[Case, ...]:
         Case(0),
         *(Case(0, hidden=(key,)) for key in ("depth_zero", "mullins", "clock_offset")),
         Case(0, hidden=("temperature", "lateral_boundary")),
-        Case(0, hidden=("periodic_stage",)),
+        Case(0, hidden=("screw_error",)),
     ]
     return _numbered(drawn, first_seed)
 

@@ -89,10 +89,11 @@ HIDDEN = _all(
     Hidden("photometric_gain", 0.002, 0.08, "1", signed=True, certified=True, source="gauge"),
     Hidden("photometric_drift", 0.002, 0.08, "1", signed=True, certified=True, source="gauge"),
     Hidden("slope_saturation", 0.005, 0.2, "share lost at .6 mm", certified=True, source="gauge"),
-    Hidden("periodic_stage", 0.0005, 0.03, "mm", source="stage", catalogued=False),
-    Hidden("sensor_creep", 0.002, 0.2, "N", signed=True, catalogued=False),
+    Hidden("screw_error", 0.0005, 0.03, "mm", source="stage"),
+    Hidden("zero_creep", 0.002, 0.2, "N", signed=True),
+    Hidden("backlash", 0.0003, 0.05, "mm", source="stage"),
     Hidden("stick_slip", 0.005, 0.3, "N", catalogued=False),
-    Hidden("backlash", 0.0003, 0.05, "mm", source="stage", catalogued=False),
+    Hidden("two_ranges", 0.005, 0.3, "N", signed=True, catalogued=False),
 )
 
 

@@ -15,12 +15,12 @@ from tactilevision.errors import InputError
 
 # key and file of each effect; its class has the same name in capitals
 CATALOGUE = (
-    *("depth_zero", "bevel_rise", "force_bias", "force_gain", "force_crosstalk", "clock_offset", "tilt"),
-    *("edge_fillet", "backing_compliance", "lateral_boundary", "thickness", "thickness_wedge", "skin"),
-    *("friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("depth_zero", "bevel_rise", "force_bias", "force_drift", "zero_creep", "force_hysteresis", "force_travel"),
+    *("force_jump", "force_gain", "gain_drift", "sensor_creep", "force_crosstalk", "clock_offset", "backlash"),
+    *("screw_error", "clock_rate", "force_filter", "tilt", "edge_fillet", "backing_compliance"),
+    *("lateral_boundary", "soft_zone", "thickness", "thickness_wedge", "skin", "friction", "adhesion"),
+    *("viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
-    *("soft_zone", "backlash", "screw_error", "clock_rate", "force_drift", "zero_creep", "force_hysteresis"),
-    *("force_travel", "gain_drift", "sensor_creep", "force_filter"),
 )
 
 

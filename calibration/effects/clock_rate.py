@@ -1,18 +1,16 @@
 """Rate by which the clocks of force and depth differ.
 
-    w(t) -> w(t - r (t - t_1)),    t_1 the time of the first sample
+    w(t) -> w(t - r s),    s the working time so far
 
-The offset of the clocks grows with the time since the recording began. Range: |r| up to .005, and offsets up to
-1 s; vanishes at r = 0. Source: definition.
+The offset of the clocks grows with the time since the recording began; a pause counts up to an hour. Range: |r| up
+to .005, and offsets up to 1 s; vanishes at r = 0. Source: definition.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from calibration.inputs.conditions import missing_times
+from calibration.inputs.conditions import missing_times, running_s
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
@@ -45,5 +43,4 @@ class ClockRate(EffectBase):
         if values[0] == 0:
             return state
         smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
-        later = -values[0] * (data.time_s - np.min(data.time_s))
-        return state.plus(depth_mm=depth_at(smooth, later) - smooth.depth_mm)
+        return state.plus(depth_mm=depth_at(smooth, -values[0] * running_s(data)) - smooth.depth_mm)

@@ -26,7 +26,7 @@ class ForceFilter(EffectBase):
     confused_with = ("clock_offset", "viscoelasticity")
     separated_by = ("the end of a ramp, sampled finely", "the filter's setting")
     source = "definition"
-    order = 60
+    order = 64
     largest = 0.5
     check = ManualCheck("read the filter's setting on the force sensor, or tap it and look at the decay", 3, 0.005)
     parameters = (Parameter("tau_s", "s", 0.0, (0, 2.0), "time constant of the filter", 0.02),)

@@ -2,8 +2,8 @@
 
     w -> w + d cos(2 pi w/L + u)
 
-Range: d up to .1 mm, L from .05 mm to 1.5 times the largest depth, any phase u; vanishes at d = 0. The fit begins
-at many periods and phases, and the number of these counts as parameters do (`searched`). Source: definition.
+Range: d up to .1 mm, L from .05 mm to half the largest depth, any phase u; vanishes at d = 0. The fit begins at
+many periods and phases, and the number of these counts as parameters do (`searched`). Source: definition.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, 
 from tactilevision.records.measured import Floats
 
 FINEST_MM = 0.05  # shortest period of a wave in depth, mm
-PERIODS = 24  # periods at which the fits begin, a factor 1.1 to 1.2 apart
+PERIODS = 16  # periods at which the fits begin, a factor 1.1 to 1.2 apart
 PHASES = 4  # starts of each period, a quarter of a turn apart
 MIN_PLACES = 12  # distinct depths: four for each number of the wave
 
@@ -39,7 +39,7 @@ class ScrewError(EffectBase):
     parameters = (
         Parameter("size_mm", "mm", 0.0, (0, 0.1), "amplitude", 0.005),
         Parameter("length_mm", "mm", 0.3, (FINEST_MM, 2), "period", 0.1),
-        amplitude("phase", "rad", 7, "phase", 1),
+        amplitude("phase_rad", "rad", 7, "phase", 1),
     )
 
     def missing(self, data: Observations) -> str:
@@ -48,14 +48,14 @@ class ScrewError(EffectBase):
         return "" if places >= MIN_PLACES else f"needs {MIN_PLACES} depths or more"
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """Return the parameters, with periods up to 1.5 times the largest depth."""
+        """Return the parameters, with periods up to half the largest depth: two must be seen."""
         size, length, phase = self.parameters
         most = _longest(data)
         return (size, replace(length, default=most / 2, bounds=(FINEST_MM, most)), phase)
 
     def starts(self, data: Observations) -> Floats:
         """Return starts at all phases and periods."""
-        lengths = np.geomspace(FINEST_MM, 0.95 * _longest(data), PERIODS)
+        lengths = np.geomspace(FINEST_MM, _longest(data), PERIODS)
         phases = np.pi * np.linspace(-1, 1, PHASES, endpoint=False)
         return np.array([[0.003, length, phase] for length in lengths for phase in phases])
 
@@ -66,4 +66,4 @@ class ScrewError(EffectBase):
 
 
 def _longest(data: Observations) -> float:
-    return max(1.5 * float(np.max(data.depth_mm)), 2 * FINEST_MM)
+    return max(0.5 * float(np.max(data.depth_mm)), 2 * FINEST_MM)

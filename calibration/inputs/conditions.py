@@ -153,8 +153,14 @@ def missing_times(data: Observations) -> str:
 
 def running_share(data: Observations) -> Floats:
     """Return the share of the rig's running time that has passed at each sample (N,), 0 to 1."""
+    passed = running_s(data)
+    return np.asarray(passed / passed.max())
+
+
+def running_s(data: Observations) -> Floats:
+    """Return the running time of the rig at each sample (N,), s; a longer pause counts as PAUSE_S."""
     order = np.argsort(data.time_s, kind="stable")
     passed = np.cumsum(np.minimum(np.diff(data.time_s[order], prepend=data.time_s[order[0]]), PAUSE_S))
-    share = np.empty(data.size)
-    share[order] = passed / passed[-1]
-    return share
+    running = np.empty(data.size)
+    running[order] = passed
+    return running

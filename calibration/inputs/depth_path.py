@@ -16,7 +16,7 @@ COMING_S = 1.0  # s, longer than any clock offset
 CORNERS = ((FREE, LOAD), (LOAD, HOLD), (HOLD, UNLOAD), (HOLD, FREE), (LOAD, UNLOAD), (UNLOAD, FREE))
 
 
-def depth_at(data: Observations, later_s: float) -> Floats:
+def depth_at(data: Observations, later_s: Floats | float) -> Floats:
     """Return the depth (N,) at each sample's time plus `later_s`.
 
     The depth is linear in each phase, with corners between the samples where two phases meet: linear interpolation

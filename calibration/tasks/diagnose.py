@@ -31,7 +31,6 @@ from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, 
 from calibration.diagnosis.unexplained import describe, nearest
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
-from calibration.effects.soft_zone import SoftZone
 from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
@@ -246,7 +245,7 @@ def _determine(
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
     small = limits(fitted, looked, candidates=candidates, missing=missing, visible=visible)
     bias = small.possible_bias
-    local = SoftZone.key in candidates or force.unknown
+    local = force.unknown or any({"x", "y"} & set(e.seen_in) for e in catalogue if e.key in candidates)
     contrast = press_contrast(base, force.searched.first.covariates, level=LEVEL) if local else None
     again = press_again(force.odd, contrast)
     next_best = plan_next(base, [one.sets for one in both], again=again, left=left, instead=instead, bias=bias)

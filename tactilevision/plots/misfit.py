@@ -188,14 +188,14 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
 
 
 def evidence(p: float, p_trend: float) -> str:
-    """Return in words how significant a pattern is, or else a trend of the presses' means."""
+    """Return in words how significant a pattern is, or a trend of the presses' means where that is more so."""
     if not np.isfinite(p):
         return "not examined"
     if p < CERTAIN:
         return "a pattern for certain"
-    if p < CHANCE:
-        return f"a pattern (p = {p:.2g})"
-    return f"a trend (p = {p_trend:.2g})" if p_trend < CHANCE else f"no pattern (p = {p:.2g})"
+    if p_trend < min(p, CHANCE):
+        return f"a trend (p = {p_trend:.2g})"
+    return f"a pattern (p = {p:.2g})" if p < CHANCE else f"no pattern (p = {p:.2g})"
 
 
 @style.house_look

@@ -35,7 +35,7 @@ def figures(results: list[Result]) -> dict[str, float]:
 
 
 def test_scores_of_a_perfect_and_of_a_blind_analyst() -> None:
-    cases = [Case(1), Case(2, ("tilt",)), Case(3, ("ageing", "mullins")), Case(4, ("periodic_stage",))]
+    cases = [Case(1), Case(2, ("tilt",)), Case(3, ("ageing", "mullins")), Case(4, ("two_ranges",))]
     perfect = figures(
         [
             result(
@@ -101,7 +101,7 @@ def test_a_recording_does_not_say_what_is_hidden_in_it(tmp_path: Path) -> None:
     [
         ("hidden_rig", ["photometric_gain"]),
         ("hidden_material", ["viscoelasticity"]),
-        ("hidden_unknown", ["periodic_stage"]),
+        ("hidden_unknown", ["two_ranges"]),
         ("hidden_two", ["viscoelasticity", "thickness_wedge"]),
         ("hidden_shadow", ["cast_shadow"]),
     ],
@@ -119,7 +119,7 @@ def test_samples_hide_what_their_truth_says(name: str, keys: list[str]) -> None:
 
 
 def test_a_sample_is_made_again_by_its_command(tmp_path: Path) -> None:
-    make_curves(tmp_path / "hidden_unknown", SEED + 2, {"periodic_stage": 0.006})
+    make_curves(tmp_path / "hidden_unknown", SEED + 2, {"two_ranges": 0.03})
     for file in ("curves.csv", "presses.csv", "recording.toml"):
         assert (tmp_path / "hidden_unknown" / file).read_text() == (SAMPLES / "hidden_unknown" / file).read_text()
 

@@ -127,8 +127,12 @@ def finds_what_was_planted(effect: Effect) -> None:
     assert effect.missing(data) == ""
     truth = effect.starts(data)[0] * 1.2
     truth = np.clip(truth, [p.bounds[0] for p in effect.parameters], [p.bounds[1] for p in effect.parameters])
+    if effect.searched > 1:  # the form is searched over starts
+        truth[1:] = effect.starts(data)[0][1:]
     measured = data.with_force(planted(effect, truth, data))
-    found = fit(Model(FlatPunch()) + effect, measured, noise=Noise(1e-3, 1e-4, 1e-4, stated=False))
+    starts = [np.concatenate([BASE, start]) for start in effect.starts(data)] if effect.searched > 1 else []
+    noise, model = Noise(1e-3, 1e-4, 1e-4, stated=False), Model(FlatPunch()) + effect
+    found = fit(model, measured, noise=noise, starts=np.array(starts) if starts else None)
     np.testing.assert_allclose(found.force_N, measured.normal_N, atol=2e-3)
     assert found.values[5] == pytest.approx(truth[0], rel=0.1, abs=0.02 * effect.parameters[0].scale)
 
@@ -160,6 +164,7 @@ def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: E
         presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)),
     )
     needs_nothing = {"depth_zero", "force_bias", "tilt", "edge_fillet", "thickness", "stiffening", "mullins"}
+    needs_nothing |= {"force_travel"}
     assert bool(effect.missing(poor)) == (effect.key not in needs_nothing) or effect.key == "mullins"
 
 

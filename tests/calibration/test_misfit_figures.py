@@ -138,17 +138,17 @@ def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:
 
 
 @pytest.mark.slow
-def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
+def test_backlash_is_suggested_and_added_by_its_key() -> None:
     """Lost motion of 20 um: the depth reads otherwise on the way back."""
-    data, effect = presses(6), get_effect("depth_way_back")
+    data, effect = presses(6), get_effect("backlash")
     model = MODEL + effect
     force = model.predict(np.append(LAW, 0.02), data)
     seen = noisy(data, force, np.random.default_rng(4))
     alone = compare(seen, [], rng=np.random.default_rng(0))
-    assert alone.suggested[0] == "depth_way_back"
+    assert alone.suggested[0] == "backlash"
     found = compare(seen, [alone.suggested[0]], rng=np.random.default_rng(0))
     assert found.suggested == ()
-    low, high = dict(found.models[1].parameters)["depth_way_back.size_mm"].interval95 or (0.0, 0.0)
+    low, high = dict(found.models[1].parameters)["backlash.size_mm"].interval95 or (0.0, 0.0)
     assert low < 0.02 < high
     assert found.models[1].held_out_N < 0.5 * found.models[0].held_out_N
     material = found.models[1].material

@@ -45,11 +45,9 @@ def diagnosed(data: Observations) -> Diagnosis:
 def test_a_force_that_drifts_in_proportion_is_told_from_the_presses_scatter() -> None:
     """Twelve presses in mixed order, 10 % from first to last: like ones scatter by 4 %."""
     found = diagnosed(points(3, drift=0.1))
-    assert found.verdict == "UNKNOWN"
-    assert found.remainder.plain is not None
-    assert found.remainder.plain.effect.key == "force_gain_drift"
-    assert found.remainder.plain.own_values[0] == pytest.approx(-0.1, abs=0.02)
-    assert "a force that drifts in proportion" in verdict_sentence(found)
+    assert found.verdict == "IDENTIFIED"
+    assert found.candidates == ("gain_drift",)
+    assert dict(found.effects[0].parameters)["gain"].value == pytest.approx(-0.1, abs=0.02)
 
 
 def test_points_that_nothing_ails_are_not_accused() -> None:
@@ -66,11 +64,15 @@ def test_a_speed_that_is_set_and_kept_within_some_percent_is_one_speed() -> None
     assert len(set(bins(spread, 6))) == 6, "values without gaps are cut into equal shares"
 
 
-def test_a_plain_error_that_explains_nothing_is_not_suggested() -> None:
+def test_presses_that_differ_with_the_speed_are_named_where_no_effect_explains_them() -> None:
     found = diagnosed(points(3, slow=0.025))
     assert found.verdict == "UNKNOWN"
     assert found.search.covariates[0].key == "log rate"
-    assert found.remainder.plain is None
+    contrast = found.presses.contrast
+    assert contrast is not None
+    assert contrast.presses == tuple(f"p{k}" for k in range(0, 12, 2))
+    assert contrast.relative == pytest.approx(1 / (1 - 0.025) - 1, abs=0.006)
+    assert "(rate > 0.14 mm/s) are 3 ± 0.2 % stiffer than the others" in verdict_sentence(found)
 
 
 def test_one_session_is_sorted_by_its_order_alone() -> None:

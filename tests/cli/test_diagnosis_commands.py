@@ -44,7 +44,7 @@ def test_the_papers_points_are_not_called_adequate(
 def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = tmp_path / "mine.py"
     assert run(monkeypatch, "new-effect", own, "--key", "mine") == 0
-    chosen = ("--with", "depth_zero", "--effect", own, "--with", "force_over_time")
+    chosen = ("--with", "depth_zero", "--effect", own, "--with", "force_drift")
     out = tmp_path / "out"
     assert run(monkeypatch, "compare", PAPER, *chosen, "--format", "svg", "--out", out) == 0
     names = {path.name for path in out.iterdir()}
@@ -52,7 +52,7 @@ def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch:
     models = json.loads((out / "comparison.json").read_text())
     said = (out / "report.html").read_text()
     assert [model["effects"][-1:] for model in models[:2]] == [[], ["depth_zero"]]
-    assert "Force over time is excluded" in said, "points have no working time to drift over"
+    assert "Force drift is excluded" in said, "points have no working time to drift over"
     assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])
     assert models[1]["youngs_modulus_MPa"]["interval95"]
     assert len(models[1]["presses"]) == len(models[0]["presses"]) > 2
