@@ -11,7 +11,6 @@ from benchmarks.blind.history import gel_force_N
 from benchmarks.blind.world import World
 from tactilevision.records.measured import Floats
 
-
 RANGE_N = 1.0  # N, above which an amplifier with two ranges has another zero
 
 
