@@ -236,7 +236,7 @@ def _poisson(
         why = "the radii differ too little for these errors to determine nu"
         begin, end = fitted.estimate("poisson_ratio").interval95 or possible
         if not parameter.fixed and min(end, high) - max(begin, low) < UNFIXED * (high - low):
-            why = f"the radii leave nu between {begin:.4g} and {end:.4g}, friction and edges leave it wider"
+            why = f"the radii give nu from {begin:.4g} to {end:.4g}, unknown friction and edges most of its range"
     return Estimate(None, None, possible, "1", why), "prior"
 
 
