@@ -34,7 +34,7 @@ from tactilevision.records.measured import Estimate, Floats, Pair
 
 Function = Callable[[Floats], Sequence[float]]  # of the parameters (p,): quantities (k,)
 NODES = 201  # nu at which E's interval is taken
-UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
+UNFIXED = 0.6  # of the range of nu: several radii determine nu where its interval is shorter
 KEPT = 4  # fits whose rivals are cached
 STEP = 1e-4  # of a parameter's scale, for derivatives
 
@@ -113,36 +113,50 @@ class Identified:
     assumptions: tuple[str, ...]
 
 
-def identify(fitted: Fit) -> Identified:
-    """Return E and nu from a fit of the FlatPunch law with any effects."""
+def identify(fitted: Fit, contrary: Sequence[Rival] = ()) -> Identified:
+    """Return E and nu from a fit of the FlatPunch law with any effects; the intervals hold `contrary` fits too."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
-    others = _rivals(fitted)
-    nu, source = _poisson(fitted, others, assumptions)
+    own = _rivals(fitted)
+    others = (*own, *contrary)
+    nu, source = _poisson(fitted, others, assumptions, contrary=bool(contrary))
     deep = finite_depth(fitted, nu, radius_mm=radius)
     assumptions += [] if deep is None else [deep.words(NU_MAX if nu.value is None else nu.value)]
     surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
     fits = [] if nu.value is None else [(one.fitted, one.share) for one in others if one.fitted is not None]
+    surplus = 0.0 if len(fits) > len(contrary) else surplus  # a sticking gel is one of them
 
     def modulus(reduced: bool) -> Estimate:
         spread = _spread(fitted, nu, radius, reduced=reduced)
-        found = _modulus(spread, nu, 0.0 if fits else surplus)
+        found = _modulus(spread, nu, surplus)
         found = found if deep is None else _of_elements(spread, nu, deep, small_strain=found)
         for other, share in fits:
-            own = other.estimate("poisson_ratio")
-            theirs = _modulus(_spread(other, own, radius, reduced=reduced), own, 0.0)
+            at = other.estimate("poisson_ratio")
+            theirs = _modulus(_spread(other, at, radius, reduced=reduced), at, 0.0)
             found = holding(found, theirs.interval95, share=share)
         return found
 
+    youngs, reduced, covariance = modulus(reduced=False), modulus(reduced=True), _covariance(fitted, radius, deep)
+    if contrary:
+        wide = [_as_wide(one) for one in (youngs, nu, reduced)]
+        sizes = np.array([(w.std or 0.0) / (one.std or 1.0) for w, one in zip(wide, (youngs, nu), strict=False)])
+        youngs, nu, reduced = wide
+        covariance = covariance * np.outer(*[np.append(sizes, (1.0, 1.0))] * 2)
     return Identified(
-        youngs_modulus=modulus(reduced=False),
+        youngs_modulus=youngs,
         poisson_ratio=nu,
-        reduced_modulus=modulus(reduced=True),
+        reduced_modulus=reduced,
         poisson_ratio_source=source,
-        covariance=_covariance(fitted, radius, deep),
+        covariance=covariance,
         youngs_modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
         assumptions=tuple(assumptions),
     )
+
+
+def _as_wide(one: Estimate) -> Estimate:
+    """Return the estimate with a std whose interval is as long as its own."""
+    low, high = one.interval95 or (0.0, 0.0)
+    return replace(one, std=max(one.std or 0.0, (high - low) / (2 * Z95)))
 
 
 def main_radius(fitted: Fit) -> float:
@@ -191,12 +205,15 @@ def mixture_quantile(share: float, weight: Floats, mean: Floats, std: Floats) ->
     return float(brentq(lambda x: float(weight @ ndtr((x - mean) / std)) - share, low, high, xtol=tolerance))
 
 
-def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tuple[Estimate, str]:
+def _poisson(
+    fitted: Fit, others: Sequence[Rival], assumptions: list[str], *, contrary: bool
+) -> tuple[Estimate, str]:
     """Return nu and its source; no value where nothing determines it. Its interval extends to `others`."""
     k = fitted.index("poisson_ratio")
     parameter = fitted.parameters[k]
     several = np.unique(fitted.data.presses.radius_mm).size > 1
-    stated = fitted.data.gel.poisson_ratio
+    stated, possible = fitted.data.gel.poisson_ratio, poisson_range(fitted)
+    low, high = possible
     if stated is not None:
         if fitted.data.gel.poisson_ratio_std is None:
             assumptions.append(f"poisson_ratio = {stated:g} is stated without a std; {STATED_NU_STD:g} is assumed")
@@ -209,15 +226,17 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
         found = _reaching(fitted.estimate("poisson_ratio"), others)
-        if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(NU_SILICONE)[0]:
+        if contrary or np.ptp(found.interval95 or possible) < UNFIXED * (high - low):
             return found, "radii"
-    low, high = possible = poisson_range(fitted)
     kinds = {NU_SILICONE: "silicone gels lie", OPEN_NU: "tabulated gels lie"}
     kind = kinds.get(possible, "the rise next to the punch leaves it")
     assumptions.append(f"these data do not determine poisson_ratio; {kind} in [{low:.4g}, {high:.4g}]")
     why = "one punch radius determines the stiffness c and the curve E(nu), not nu"
     if several:
         why = "the radii differ too little for these errors to determine nu"
+        begin, end = fitted.estimate("poisson_ratio").interval95 or possible
+        if not parameter.fixed and min(end, high) - max(begin, low) < UNFIXED * (high - low):
+            why = f"the radii give nu from {begin:.4g} to {end:.4g}, unknown friction and edges most of its range"
     return Estimate(None, None, possible, "1", why), "prior"
 
 

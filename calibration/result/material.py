@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from itertools import combinations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.fit.finite_depth import finite_depth, stated_edge_mm, usual_softening
 from calibration.fit.identifiability import (
+    Rival,
     bend_of,
     beta_name,
     derived,
@@ -30,7 +31,7 @@ from calibration.laws import FLAT, shape_of, theory
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.paper import A_OVER_H, Paper, modulus_at, modulus_from, poisson_from_beta
 from calibration.model.composition import Model
-from calibration.result.poisson_routes import CONTRARY, contradictions, holding_each, of_fit
+from calibration.result.poisson_routes import CONTRARY, contradictions, of_fit, rivals
 from calibration.result.result import CalibrationResult, common_assumptions
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
@@ -288,15 +289,16 @@ AT_BOUND = "beta_at_bound"  # the flag of a slope at the end of its range
 def material_by_routes(fitted: Fit) -> CalibrationResult:
     """Return the material of a fit, its interval over all routes to nu where these contradict each other."""
     routes = of_fit(fitted)
-    return determine_material(holding_each(fitted, routes)).noted(*contradictions(routes))
+    warnings, flags = contradictions(routes)
+    return determine_material(fitted, rivals(fitted, routes)).noted(*warnings, flags=flags)
 
 
-def determine_material(fitted: Fit) -> CalibrationResult:
-    """Return the material of a fit of any law in the catalogue."""
+def determine_material(fitted: Fit, contrary: Sequence[Rival] = ()) -> CalibrationResult:
+    """Return the material of a fit of any law in the catalogue; a punch's intervals hold `contrary` fits too."""
     if shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)
     else:
-        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted, contrary)
     found = replace(found, noise_floor_N=repeatability_rms(fitted))
     checks = (
         (theory.FLAG, theory.outside_gels(found.youngs_modulus)),
@@ -324,8 +326,8 @@ def _at_bound(fitted: Fit) -> str:
     )
 
 
-def _of_default(fitted: Fit) -> CalibrationResult:
-    known = identify(fitted)
+def _of_default(fitted: Fit, contrary: Sequence[Rival]) -> CalibrationResult:
+    known = identify(fitted, contrary)
     radius, lines = main_radius(fitted), own_lines(fitted)
     beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
     h_mm = fitted.data.gel.thickness_mm

@@ -6,48 +6,97 @@
     beta    the published log law of the curvature: shown and never used, since beta depends on friction and the
             constitutive law more than on nu
 
-Independent routes are combined by their variances. Where they contradict each other the std grows by Birge's
-ratio, and beyond CONTRARY the interval reaches to each. Source: Birge, Phys. Rev. 40 (1932) 207.
+The radii's is a profile likelihood D(nu), others' ((nu - value) / std)^2, the bound's 0 inside. Two routes lie
+
+    sqrt(min (D_1 + D_2))
+
+standard deviations apart, |a - b| / hypot(s, t) for two normal ones; it also holds for a best at the end of the
+range. Independent routes are combined by their variances. Where they contradict each other the std grows by
+Birge's ratio, and beyond CONTRARY, flagged `routes_contradict`, the intervals of nu and E reach to each. Sources:
+Wilks, Ann. Math. Stat. 9 (1938) 60; Birge, Phys. Rev. 40 (1932) 207.
 
 The range is no measurement. Solid elastomers are nearly incompressible (nu above .495: Nedoluha, Saadawi, Barney,
 Soft Matter 2025, doi 10.1039/d5sm00535c); .45 allows for pads of cast silicone in place. The pictures' nu is
-truncated there; one that contradicts the bound is kept, its std reaches towards the bound, and it is flagged
-`nu_below_bound`: a foam, or an error of the pictures.
+truncated there; a nu that contradicts the bound is kept and flagged `nu_below_bound`: a foam, or an error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
+from calibration.effects.thickness import Thickness
+from calibration.fit.identifiability import Rival
 from calibration.fit.least_squares import Fit, fit
+from calibration.fit.profile_likelihood import Profile, profile
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
-from tactilevision.records.constants import NU_MAX, TAILS95, Z95
-from tactilevision.records.measured import Estimate, Pair
+from tactilevision.records.constants import MICRO, NU_MAX, TAILS95, TINY, Z95
+from tactilevision.records.measured import Estimate, Floats, Pair
 from tactilevision.records.rig import Gel
 
-AT_BOUND = 1e-4  # of nu: nearer to its bound a fit lies at it
 REACH = 1.95  # std: slightly less than half of a 95 % interval
 CONTRARY = 3  # std between two routes that contradict each other
-BELOW_SIGMA = 2  # std below the bound at which nu contradicts it
-CUT_SIGMA = 3  # std above the bound from which truncation is negligible
+FLAT = 0.6  # of its range: an interval as long shows that the radii do not determine nu
+STEPS = 4001  # places between two routes at which the sum of their D is taken
+CONTRADICT = "routes_contradict"  # the flag of routes that contradict each other
 BELOW_BOUND = "nu_below_bound"  # the flag of a nu that contradicts the bound
+WORDS = {
+    "bulge": "the rise outside the contact",
+    "radii": "the several radii",
+    "prior": "the stated value",
+    "beta": "the published law of beta (not used)",
+}  # each route in a sentence
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Poisson's ratio by one route; `used` where it is part of the result."""
+    """Poisson's ratio by one route; `used` where it is part of the result; `profile` of the radii."""
 
     name: str
     poisson_ratio: Estimate
     used: bool
+    profile: Profile | None = None
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether it is a range without a value."""
+        return self.name == "prior" and self.poisson_ratio.value is None
+
+    def deviance(self, nu: Floats) -> Floats:
+        """Return D at nu (n,)."""
+        found = self.poisson_ratio
+        if self.profile is not None:
+            return self.profile(nu)
+        if found.value is not None and found.std:
+            return ((nu - found.value) / found.std) ** 2
+        low, high = found.interval95 or (0.0, 0.0)
+        return np.where((low <= nu) & (nu <= high), 0.0, np.inf)
+
+    def nearest(self, other: Route) -> float:
+        """Return its value, or the place in its range nearest to another's value."""
+        value = self.poisson_ratio.value
+        return float(np.clip(other.poisson_ratio.value or 0.0, *self._range)) if value is None else value
+
+    @property
+    def _range(self) -> Pair:
+        return self.poisson_ratio.interval95 or OPEN_NU
+
+    def __str__(self) -> str:
+        found = self.poisson_ratio
+        if found.value is None:
+            return f"the bound of elastomers {self._range[0]:g} to {self._range[1]:g}"
+        low, high = self._range
+        if (self.profile is not None and found.value - low < MICRO) or high - found.value < MICRO:
+            return f"{WORDS[self.name]} {found.value:.4f} ({low:.4f} to {high:.4f})"
+        return f"{WORDS[self.name]} {found.value:.4f} ± {found.std or 0.0:.2g}"
 
 
 def of_bulge(bulge: Estimate | None) -> tuple[Route, ...]:
@@ -69,34 +118,33 @@ def of_prior(gel: Gel, *, bulge: Estimate | None = None, bound: Pair | None = No
 
 
 def of_radii(fitted: Fit) -> tuple[Route, ...]:
-    """Return nu by several radii alone, from the same fit without a prior of nu; nothing for a single radius."""
+    """Return nu by several radii alone, by its profile likelihood without a prior; nothing for a single radius."""
     data, law = fitted.data, fitted.model.law
     if np.unique(data.presses.radius_mm).size < 2 or not isinstance(law, FlatPunch):
         return ()
     alone = replace(data, gel=replace(data.gel, poisson_ratio=None, poisson_ratio_std=None))
+    model = Model(replace(law, free_poisson_ratio=True), fitted.model.effects)
     try:
-        found = fit(
-            Model(replace(law, free_poisson_ratio=True), fitted.model.effects),
-            alone,
-            tolerances=False,
-            noise=fitted.noise,
-        )
+        found = fit(model, alone, tolerances=False, noise=fitted.noise, starts=fitted.values[None])
+        likelihood = profile(found, "poisson_ratio")
     except ConvergenceError:
         return ()
-    estimate = found.estimate("poisson_ratio")
-    low, high = found.parameters[found.index("poisson_ratio")].bounds
-    value = estimate.value or 0.0
-    inside = low + AT_BOUND < value < high - AT_BOUND and bool(estimate.std)
-    if not inside:
-        estimate = replace(estimate, value=None, std=None, why="the radii differ too little for these errors")
-    return (Route("radii", estimate, used=inside),)
+    k, (low, high) = found.index("poisson_ratio"), likelihood.interval95
+    std = (high - low) / Z95 if found.at_bound[k] else found.std("poisson_ratio")
+    interval = (low, high)
+    if high - low >= FLAT * np.ptp(likelihood.nodes):
+        why = f"their likelihood is nearly flat from {low:.3g} to {high:.3g}"
+        return (Route("radii", Estimate(None, None, interval, "1", why), used=False),)
+    estimate = Estimate(likelihood.best, std, interval, "1")
+    return (Route("radii", estimate, used=True, profile=likelihood),)
 
 
 def of_fit(fitted: Fit) -> tuple[Route, ...]:
-    """Return the prior of nu of a fit and nu by its radii without that; nothing unless there are both."""
-    gel = fitted.data.gel
-    radii = () if gel.poisson_ratio is None else of_radii(fitted)
-    return (*of_prior(gel), *radii) if radii else ()
+    """Return what is known of nu beforehand and nu by the radii without that; nothing unless there are both."""
+    law = fitted.model.law
+    bound = law.poisson_range if isinstance(law, FlatPunch) else None
+    radii = of_radii(fitted)
+    return (*of_prior(fitted.data.gel, bound=bound), *radii) if radii else ()
 
 
 def of_beta(beta: Estimate) -> tuple[Route, ...]:
@@ -109,19 +157,14 @@ def of_beta(beta: Estimate) -> tuple[Route, ...]:
 
 
 def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
-    """Return nu truncated at a lower bound: mean and std of the truncated normal.
-
-    One that contradicts the bound keeps its value, and its std reaches half-way to the bound.
-    """
+    """Return nu truncated at a lower bound that it does not contradict: mean and std of the truncated normal."""
     if nu is None or nu.value is None or not nu.std or bound is None:
         return nu
     from scipy.stats import truncnorm
 
     beyond = (bound[0] - nu.value) / nu.std
-    if beyond < -CUT_SIGMA:
+    if abs(beyond) > CONTRARY:
         return nu
-    if contradicts(nu, bound):
-        return Estimate.normal(nu.value, max(nu.std, (bound[0] - nu.value) / 2), nu.unit)
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
     low, high = cut.ppf(TAILS95)
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
@@ -135,38 +178,46 @@ def narrowed(bound: Pair | None, bulge: Estimate | None) -> Pair | None:
     return (bulge.interval95[0], high) if low < bulge.interval95[0] < high else bound
 
 
-def contradicts(nu: Estimate | None, bound: Pair | None) -> bool:
-    """Return whether a nu lies below the bound by more than BELOW_SIGMA std."""
-    if nu is None or nu.value is None or not nu.std or bound is None:
-        return False
-    return bound[0] - nu.value > BELOW_SIGMA * nu.std
-
-
 def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None = SILICONE_NU) -> Observations:
     """Return the data with the pictures' nu combined with the gel's prior; a nu stated as exact stays.
 
     Where nothing is stated of nu, it is truncated at `bound`, None: not.
     """
-    bulge = within(bulge, bound) if data.gel.poisson_ratio is None else bulge
-    routes = [route for route in (*of_bulge(bulge), *of_prior(data.gel)) if route.used]
-    if not any(route.name == "bulge" for route in routes) or data.gel.poisson_ratio_std == 0:
+    if data.gel.poisson_ratio_std == 0:
+        return data
+    known = (*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound))
+    between = apart(known)
+    if data.gel.poisson_ratio is None and between <= CONTRARY:
+        known = of_bulge(within(bulge, bound))
+    routes = [route for route in known if route.used and not route.is_bound]
+    if not any(route.name == "bulge" for route in routes):
         return data
     values = np.array([route.poisson_ratio.value for route in routes])
     stds = np.array([route.poisson_ratio.std for route in routes])
     mean = float(np.average(values, weights=stds**-2.0))
     std = float(np.sum(stds**-2.0) ** -0.5) * max(apart(routes), 1.0)
-    if apart(routes) > CONTRARY:
-        std = max(std, _reach(mean, routes))
+    if between > CONTRARY:
+        std = max(std, max(abs(mean - route.nearest(known[0])) for route in known) / REACH)
     gel = replace(data.gel, poisson_ratio=min(mean, NU_MAX), poisson_ratio_std=std)
     return replace(data, gel=gel)
 
 
+def distance(one: Route, other: Route) -> float:
+    """Return how many standard deviations two routes, one of them with a value, lie apart."""
+    nu = np.linspace(one.nearest(other), other.nearest(one), STEPS)
+    return float(np.sqrt(np.min(one.deviance(nu) + other.deviance(nu))))
+
+
+def furthest(routes: Sequence[Route]) -> tuple[Route, ...]:
+    """Return the two routes with the largest distance, of those used and the bound; () for fewer than two."""
+    known = [r for r in routes if r.is_bound or (r.used and r.poisson_ratio.value is not None)]
+    return max(combinations(known, 2), key=lambda pair: distance(*pair), default=())
+
+
 def apart(routes: Sequence[Route]) -> float:
     """Return the largest distance, in std, between two of the routes that are used; 0 for fewer than two."""
-    known = [(r.poisson_ratio.value, r.poisson_ratio.std or 0.0) for r in routes if r.used]
-    pairs = combinations([(value, std) for value, std in known if value is not None], 2)
-    gaps = ((abs(a - b), float(np.hypot(s, t))) for (a, s), (b, t) in pairs)
-    return max((gap / spread for gap, spread in gaps if spread > 0), default=0.0)
+    pair = furthest(routes)
+    return distance(*pair) if pair else 0.0
 
 
 def tightest(routes: Sequence[Route]) -> str:
@@ -175,63 +226,59 @@ def tightest(routes: Sequence[Route]) -> str:
     return min(known, key=lambda route: route.poisson_ratio.std or 0.0).name if known else "prior"
 
 
-def holding_each(fitted: Fit, routes: Sequence[Route]) -> Fit:
-    """Return the fit with nu's std so large, where its routes contradict each other, that its interval holds each.
+def rivals(fitted: Fit, routes: Sequence[Route]) -> tuple[Rival, ...]:
+    """Return the fits that E and nu have to hold where the radii contradict another route; else none.
 
-    The covariance with E and c grows along; a fixed nu stays.
+    They are at each route's nu, and with another thickness at the nu of those that do not rest on the thickness.
     """
-    if apart(routes) <= CONTRARY:
-        return fitted
-    k = fitted.index("poisson_ratio")
-    std = float(np.sqrt(fitted.covariance[k, k]))
-    if std <= 0:
-        return fitted
-    wider = max(std, _reach(float(fitted.values[k]), routes))
-    along = fitted.covariance[:, k] / std
-    return replace(fitted, covariance=fitted.covariance + (wider**2 / std**2 - 1) * np.outer(along, along))
+    radii = next((route for route in routes if route.profile is not None), None)
+    if radii is None or apart(routes) <= CONTRARY:
+        return ()
+    model, found = fitted.model, list[Rival]()
+    other = () if Thickness.key in model.keys else (model + Thickness(held=False),)
+    for route in (one for one in routes if one.is_bound or one.used):
+        ends = route.poisson_ratio.interval95 or ()
+        as_stated = (route.nearest(radii),) if route.is_bound else ends
+        free = () if route is radii else other
+        for one, nu in (*product((model,), as_stated), *product(free, ends)):
+            gel = replace(fitted.data.gel, poisson_ratio=float(np.clip(nu, 0, NU_MAX)), poisson_ratio_std=0.0)
+            with suppress(ConvergenceError):
+                rival = fit(one, replace(fitted.data, gel=gel), tolerances=False, noise=fitted.noise)
+                worse = 0.0 if one is model else rival.chi2 - fitted.chi2
+                found.append(Rival(rival, min(Z95 / max(worse, TINY) ** 0.5, 1.0)))
+    return tuple(found)
 
 
-def _reach(nu: float, routes: Sequence[Route]) -> float:
-    """Return the std with which the interval about `nu` holds every route that is used."""
-    known = [r.poisson_ratio.value for r in routes if r.used and r.poisson_ratio.value is not None]
-    return max(abs(nu - one) for one in known) / REACH
-
-
-def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
-    """Return assumptions and warnings: nu by each route, and the distance of those that were used."""
-    words = {
-        "bulge": "the rise outside the contact",
-        "radii": "the several radii",
-        "prior": "the stated value",
-        "beta": "the published law of beta (not used)",
-    }
-    said = [
-        f"{words[r.name]} {r.poisson_ratio.value:.4f} ± {r.poisson_ratio.std or 0.0:.2g}"
-        for r in routes
-        if r.poisson_ratio.value is not None
-    ]
-    between = apart(routes)
-    used = sum(route.used for route in routes)
+def in_words(routes: Sequence[Route]) -> list[str]:
+    """Return assumptions: nu by each route, and the distance of those that were used."""
+    said = [str(r) for r in routes if r.poisson_ratio.value is not None]
     lines = ["Poisson's ratio by route: " + "; ".join(said)] if said else []
-    if used > 1:
-        lines.append(f"the routes to Poisson's ratio that were used lie {between:.1f} standard deviations apart")
-    silent = []
+    if sum(route.used for route in routes) > 1:
+        between = f"{apart(routes):.1f} standard deviations apart"
+        lines.append(f"the routes to Poisson's ratio that were used lie {between}")
     for r in (one for one in routes if one.poisson_ratio.value is None):
         if r.name != "prior":
-            silent.append(f"{words[r.name]} does not determine it: {r.poisson_ratio.why}")
+            lines.append(f"not determined by {WORDS[r.name]}: {r.poisson_ratio.why}")
         elif r.used:
-            silent.append(f"Poisson's ratio is held to {r.poisson_ratio.why}")
-    return [*lines, *silent], contradictions(routes)
+            lines.append(f"Poisson's ratio is held to {r.poisson_ratio.why}")
+    return lines
 
 
-def contradictions(routes: Sequence[Route]) -> list[str]:
-    """Return a warning where the routes that are used contradict each other."""
-    between = apart(routes)
-    if between <= CONTRARY:
-        return []
+def contradictions(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
+    """Return warnings and flags where routes contradict each other: both numbers and likely causes."""
+    pair = furthest(routes)
+    if not pair or (between := distance(*pair)) <= CONTRARY:
+        return [], []
+    below = any(route.is_bound for route in pair)
     exact = any(route.name == "prior" and route.poisson_ratio.std == 0 for route in routes)
-    return [
-        f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
-        + ("it is taken as stated" if exact else "its interval is widened to reach to each")
-        + ". Check the stated one, the thickness and the radii"
-    ]
+    several = any(route.profile is not None for route in routes)
+    widened = "it is taken as stated" if exact else "its interval is widened to reach to each"
+    said = (
+        f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations "
+        f"({pair[0]}; {pair[1]}): {widened}{', E over both and over another thickness' if several else ''}. "
+        "Check the thickness, the radii and the zero of depth; a compressible layer or a gel that sticks to the "
+        "punch has the same effect"
+    )
+    if below:
+        said += ". If the gel is a foam, state poisson_ratio in recording.toml, or use --no-prior"
+    return [said], [CONTRADICT, BELOW_BOUND] if below else [CONTRADICT]

@@ -36,10 +36,6 @@ from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
-UNUSUAL_NU = (
-    "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std was "
-    "widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
-)
 OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for the offset of its clocks
 
 
@@ -77,17 +73,14 @@ def calibrate(
     fitted = fit(Model(free, effects.effects if effects else ()), data)
     known = (*poisson_routes.of_bulge(bulge), *poisson_routes.of_prior(stated.gel, bulge=bulge, bound=bound))
     routes = (*known, *poisson_routes.of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
-    fitted = poisson_routes.holding_each(fitted, routes)
     again = judged(fitted)
-    result = determine_material(allow_for_indenters(fitted))
+    result = determine_material(allow_for_indenters(fitted), poisson_routes.rivals(fitted, routes))
     result = replace(result, held_out_N=held_out_rms(again), noise_floor_N=repeatability_rms(again))
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
         result = allow_for_edge(_with_routes(result, routes))
-        if stated.gel.poisson_ratio is None and poisson_routes.contradicts(bulge, bound):
-            result = result.noted(UNUSUAL_NU, flags=[poisson_routes.BELOW_BOUND])
     if apart := apart_from_stated(result.youngs_modulus, stated.gel):
         result = result.noted(apart)
     late = Counter(given.presses.label) - Counter(data.presses.label)
@@ -101,14 +94,14 @@ def calibrate(
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
     """Return the result with every route to nu; the source is the tightest one that was used."""
     routes = (*routes, *poisson_routes.of_beta(result.beta))
-    lines, warnings = poisson_routes.in_words(routes)
+    warnings, flags = poisson_routes.contradictions(routes)
     source, known = result.poisson_ratio_source, result.poisson_ratio.value is not None
     return replace(
         result,
         routes=routes,
         poisson_ratio_source=poisson_routes.tightest(routes) if known else source,
-        assumptions=(*result.assumptions, *lines),
-    ).noted(*warnings)
+        assumptions=(*result.assumptions, *poisson_routes.in_words(routes)),
+    ).noted(*warnings, flags=flags)
 
 
 def observe(sets: Sequence[Measured]) -> Observations:

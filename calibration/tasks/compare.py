@@ -23,7 +23,7 @@ from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
+from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.reml import BEYOND_CHANCE
@@ -211,7 +211,9 @@ def plain_law(
     """
     stated = clear_of_touch(in_phase(usable(data)))
     data = informed(stated, bulge, bound=bound)
-    return Comparison((_judge(base_fit(base_model(data), data)),), stated, pictured=_of_picture(stated))
+    return Comparison(
+        (_judge(base_fit(base_model(data, bound=bound), data)),), stated, pictured=_of_picture(stated)
+    )
 
 
 def _of_picture(data: Observations) -> tuple[Compared, ...]:
@@ -361,10 +363,14 @@ def base_fit(model: Model, data: Observations) -> Fit:
     return first if shaped is first.data else fit_alone(model, shaped)
 
 
-def base_model(data: Observations) -> Model:
-    """Return the flat punch, with nu free where several radii may determine it and nothing else is known of it."""
+def base_model(data: Observations, *, bound: Pair | None = SILICONE_NU) -> Model:
+    """Return the flat punch, with nu free where several radii may determine it and nothing else is known of it.
+
+    `bound` is the range of nu where nothing determines it; None: that of any gel.
+    """
     several = np.unique(data.presses.radius_mm).size > 1
-    return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
+    free = several and data.gel.poisson_ratio is None
+    return Model(FlatPunch(free_poisson_ratio=free, poisson_range=bound or OPEN_NU))
 
 
 def _evaluate(model: Model, on: Fit) -> Compared:

@@ -161,7 +161,7 @@ def _diagnosed(
     seen = fit_vision_depth(data)
     source = tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))  # of nu
     data = informed(data, bulge, bound=bound)
-    model = base_model(data)
+    model = base_model(data, bound=bound)
     for effect in known:
         of_picture = None if seen is None else _of_picture(effect, seen, data)
         if of_picture is None:

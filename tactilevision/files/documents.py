@@ -38,6 +38,10 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as fault:
         line = re.search(r"line (\d+)", str(fault))
         place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
+        if "overwrite" in str(fault) or "twice" in str(fault):
+            raise InputError(
+                "a key or a table is stated twice", where=place, remedy="Keep one of them."
+            ) from fault
         raise InputError(
             f"is not TOML: {fault}",
             where=place,

@@ -89,6 +89,7 @@ def doubts(recording: Recording) -> Iterator[str]:
     yield from _doubts_of_frames(recording)
     yield from _doubts_of_forces(recording)
     yield from _doubts_of_depths(recording)
+    yield from _doubts_of_repeated(recording)
     rows = Counter(point.press for point in recording.points)
     twice = [press for press, count in rows.items() if count > 1]
     if twice:
@@ -150,6 +151,26 @@ def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
             f"{layout.CURVES}: time_s lies outside of start_s to end_s in {layout.PRESSES} for {some(apart)}: "
             "is it in milliseconds, or another clock's?"
         )
+
+
+def _doubts_of_repeated(recording: Recording) -> Iterator[str]:
+    """Yield a sentence for each column that contradicts recording.toml."""
+    gel, indenters = recording.sensor.gel, recording.indenters
+    for table, rows in ((layout.PRESSES, recording.presses), (layout.POINTS, recording.points)):
+        for name in ("radius_mm", "thickness_mm", "poisson_ratio"):
+            other: dict[tuple[Any, float], list[str]] = {}
+            for row in rows:
+                stated = getattr(indenters.get(row.indenter) if name == "radius_mm" else gel, name, None)
+                value = dict(row.extra).get(name)
+                if stated is None or not isinstance(value, int | float) or math.isnan(value):
+                    continue
+                if not math.isclose(value, stated):
+                    other.setdefault((value, stated), []).append(row.press)
+            for (value, stated), presses in other.items():
+                yield (
+                    f"{table}: {name} = {value:g} of press {some(presses)} contradicts {stated:g} in "
+                    f"{layout.SETTINGS}, which is used: correct one of them"
+                )
 
 
 def _doubts_of_frames(recording: Recording) -> Iterator[str]:

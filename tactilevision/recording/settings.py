@@ -24,6 +24,7 @@ from tactilevision.files.documents import parse_toml, read_text
 from tactilevision.files.opening import limit
 from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
+from tactilevision.records.constants import Z95
 from tactilevision.sensors import MAX_SCALE, MIN_SCALE
 
 # Keys of recording.toml, with units and bounds.
@@ -193,6 +194,12 @@ _TABLES: dict[str, type[BaseModel]] = {
     "[indenter.NAME]": IndenterSettings,
 }
 
+_TWICE = (  # two keys of one quantity, and how many times the second one the first is
+    ("diameter_mm", "radius_mm", 2.0),
+    ("youngs_modulus_MPa_std", "youngs_modulus_std_MPa", 1.0),
+)
+_WIDER = 1.1  # of an interval over that of its std: more than rounding
+
 _PLAUSIBLE = (  # key, least and most plausible value, probable unit of a larger one
     (("sensor", "gel", "thickness_mm"), 0.05, 50, "micrometres"),
     (("sensor", "gel", "radius_mm"), 0.5, 500, "micrometres"),
@@ -231,6 +238,7 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple
                 value=None if isinstance(value, dict) else value,
                 remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
             )
+    _check_twice(content, (), path)
     try:
         settings = Settings.model_validate(content)
     except ValidationError as fault:
@@ -271,6 +279,32 @@ def _check_format(content: Mapping[str, Any], path: Path) -> None:
             value=content["format"],
             remedy="Take a newer version of tactilevision, or convert the recording.",
         )
+
+
+def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
+    """Raise RecordingError for a quantity with two different values, or a std too small for its interval."""
+    numbers = {key: value for key, value in table.items() if isinstance(value, int | float)}
+    for one, other, times in _TWICE:
+        if {one, other} <= set(numbers) and not math.isclose(numbers[one], times * numbers[other]):
+            what = f"{_key((*place, one))} contradicts {other} = {numbers[other]:g}"
+            raise RecordingError(what, where=path, value=numbers[one], remedy="State it once.")
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _check_twice(value, (*place, key), path)
+        name = key.removesuffix("_interval95")
+        std = next((n for n in numbers if "_std" in n and n.replace("_std", "") == name), None)
+        if name == key or std is None or not (isinstance(value, list) and len(value) == 2):
+            continue
+        if (
+            all(isinstance(end, int | float) for end in value)
+            and value[1] - value[0] > _WIDER * 2 * Z95 * numbers[std]
+        ):
+            raise RecordingError(
+                f"{_key((*place, std))} is narrower than {key} = {value}",
+                where=path,
+                value=numbers[std],
+                remedy=f"A std is the interval's length over {2 * Z95:g}; state it alone.",
+            )
 
 
 def _unknown(

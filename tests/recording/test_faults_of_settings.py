@@ -44,6 +44,23 @@ FAULTS = [
     ("radius_mm = 2.5", "", '[indenter.A1] shape = "flat_cylinder" needs radius_mm'),
     ("radius_mm = 2.5", "diameter_mm = 5.0", "needs radius_mm, half of its diameter_mm = 5.0"),
     (
+        "radius_mm = 2.5",
+        "radius_mm = 2.5\ndiameter_mm = 2.5",
+        "[indenter.A1] diameter_mm contradicts radius_mm = 2.5 (got 2.5). State it once.",
+    ),
+    ("thickness_mm = 3.0", "thickness_mm = 3.0\nthickness_mm = 2.5", "line 13: a key or a table is stated twice"),
+    (
+        "thickness_mm = 3.0",
+        "thickness_mm = 3.0\nyoungs_modulus_std_MPa = 0.01\nyoungs_modulus_MPa_std = 0.02",
+        "[sensor.gel] youngs_modulus_MPa_std contradicts youngs_modulus_std_MPa = 0.01 (got 0.02)",
+    ),
+    (
+        "radius_mm = 15.0",
+        "radius_mm = 15.0\npoisson_ratio = 0.48\npoisson_ratio_std = 0.001\n"
+        "poisson_ratio_interval95 = [0.46, 0.49]",
+        "[sensor.gel] poisson_ratio_std is narrower than poisson_ratio_interval95 = [0.46, 0.49] (got 0.001)",
+    ),
+    (
         "radius_mm = 15.0",
         "diameter_mm = 30",
         '[sensor.gel] shape = "disc" needs radius_mm, half of its diameter_mm = 30',

@@ -350,6 +350,16 @@ def test_presses_that_touch_do_not_overlap(folder: Path) -> None:
     assert len(read_recording(folder).presses) == 2
 
 
+def test_a_column_that_contradicts_the_settings_is_a_warning(folder: Path) -> None:
+    table = folder / "presses.csv"
+    header, *rows = table.read_text(encoding="utf-8").splitlines()
+    lines = [f"{header},radius_mm,thickness_mm", *(f"{row},2.5,{3.0 - (k == 0)}" for k, row in enumerate(rows))]
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (said,) = (line for line in read_recording(folder).warnings if "contradicts" in line)
+    press = rows[0].split(",")[0]
+    assert said.startswith(f"presses.csv: thickness_mm = 2 of press {press} contradicts 3 in recording.toml")
+
+
 def test_a_depth_beyond_the_gel_is_doubted(folder: Path) -> None:
     (folder / "points.csv").write_text("press,indenter,depth_mm,fz_N,accepted\n1,A1,300,1,true\n2,A1,,1,false\n")
     assert any("depth_mm = 300 exceeds" in warning for warning in read_recording(folder).warnings)
