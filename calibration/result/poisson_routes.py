@@ -29,7 +29,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from calibration.effects.thickness import Thickness
+from calibration.effects import EFFECTS
 from calibration.fit.identifiability import Rival
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.profile_likelihood import Profile, profile
@@ -37,6 +37,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
+from calibration.model.stages import THICKNESS
 from tactilevision.errors import ConvergenceError
 from tactilevision.records.constants import MICRO, NU_MAX, TAILS95, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
@@ -235,12 +236,13 @@ def rivals(fitted: Fit, routes: Sequence[Route]) -> tuple[Rival, ...]:
     if radii is None or apart(routes) <= CONTRARY:
         return ()
     model, found = fitted.model, list[Rival]()
-    other = () if Thickness.key in model.keys else (model + Thickness(held=False),)
+    free = tuple(e.freed() for e in EFFECTS.values() if e.condition == THICKNESS and e.key not in model.keys)
+    other = tuple(model + effect for effect in free)
     for route in (one for one in routes if one.is_bound or one.used):
         ends = route.poisson_ratio.interval95 or ()
         as_stated = (route.nearest(radii),) if route.is_bound else ends
-        free = () if route is radii else other
-        for one, nu in (*product((model,), as_stated), *product(free, ends)):
+        thicker = () if route is radii else other
+        for one, nu in (*product((model,), as_stated), *product(thicker, ends)):
             gel = replace(fitted.data.gel, poisson_ratio=float(np.clip(nu, 0, NU_MAX)), poisson_ratio_std=0.0)
             with suppress(ConvergenceError):
                 rival = fit(one, replace(fitted.data, gel=gel), tolerances=False, noise=fitted.noise)
