@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from calibration.effects.viscoelasticity import TAU_S, TAUS, relaxed
-from calibration.inputs.conditions import missing_times, running_share
+from calibration.inputs.conditions import missing_course, missing_times, running_share
 from calibration.inputs.denoised_depth import UNLOAD, branches
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, Parameter, Stage, State, amplitude
@@ -57,7 +57,7 @@ class _InPress(InstrumentError):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_timed else "needs times within a press"
+        return missing_course(data)
 
     def starts(self, data: Observations) -> Floats:
         """Return starts of either sign over the time constants."""

@@ -175,7 +175,10 @@ def test_presses_out_of_phase_are_left_out() -> None:
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
     assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
-    assert any("60 ms: excluded" in warning for warning in result.warnings)
+    (said,) = [warning for warning in result.warnings if "60 ms apart" in warning]
+    assert "loading and unloading differ by" in said
+    assert "presses that load within twice that time are excluded (0, 3)" in said
+    assert "ynchronise" not in said
     assert result.c.value == pytest.approx(3.5, rel=0.05)
 
 
