@@ -188,6 +188,13 @@ def test_calibration_json_has_every_key_and_is_json() -> None:
     assert set(content) >= CALIBRATION_KEYS
 
 
+def test_history_compares_one_radius() -> None:
+    """Of two radii with as many points each, and of the same less one point of the first radius."""
+    measured = draw(replace(WELL, radii_mm=(1.5, 2.5)), np.random.default_rng(2))
+    fewer = replace(measured, points=measured.points[1:])
+    assert history([measured, fewer])[1].change == pytest.approx(0, abs=0.02)
+
+
 def test_history_says_when_the_modulus_has_moved() -> None:
     import datetime
 
