@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from calibration.inputs.conditions import missing_course
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
@@ -38,7 +39,7 @@ class ClockOffset(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the offset; empty where they can."""
-        return "" if data.is_timed else "needs depth and force over time within a press (curves)"
+        return missing_course(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of another time."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calibration.inputs.conditions import missing_times, running_s
+from calibration.inputs.conditions import missing_course, missing_times, running_s
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
@@ -35,8 +35,7 @@ class ClockRate(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        why = "" if data.is_timed else "needs depth and force over time within a press (curves)"
-        return why or missing_times(data)
+        return missing_course(data) or missing_times(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of another time."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calibration.effects.viscoelasticity import relaxed
+from calibration.inputs.conditions import missing_course
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.measured import Floats
@@ -34,7 +35,7 @@ class ForceFilter(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_timed else "needs the force over time within a press (curves)"
+        return missing_course(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force filtered."""

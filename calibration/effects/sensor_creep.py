@@ -10,6 +10,7 @@ up to .3, tau .05 to 100 s; vanishes at s = 0. Source: OIML R 60 (2017), creep o
 from __future__ import annotations
 
 from calibration.effects.viscoelasticity import TAU_S, TAUS, relaxed
+from calibration.inputs.conditions import missing_course
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.measured import Floats
@@ -36,7 +37,7 @@ class SensorCreep(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_timed else "needs the force over time within a press (curves)"
+        return missing_course(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the part that follows the load late."""

@@ -17,6 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from calibration.inputs.conditions import missing_course
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.constants import NONZERO
@@ -61,7 +62,7 @@ class Viscoelasticity(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show relaxation; empty where they can."""
-        return "" if data.is_timed else "needs the force over time within a press (curves)"
+        return missing_course(data)
 
     def starts(self, data: Observations) -> Floats:
         """Return starts in which a tenth relaxes, with time constants over the decades."""

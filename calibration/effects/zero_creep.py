@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.effects.viscoelasticity import TAU_S, TAUS
+from calibration.inputs.conditions import missing_course
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -36,7 +37,7 @@ class ZeroCreep(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if data.is_timed else "needs the force over time within a press (curves)"
+        return missing_course(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the creep."""

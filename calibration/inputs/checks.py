@@ -62,7 +62,7 @@ def without_copies(data: Observations) -> Observations:
 
 def check_times(data: Observations) -> None:
     """Raise InputError where depths grow so slowly that times must be in ms: by the stated speed, or by far."""
-    if not data.is_curves:
+    if not data.is_timed:
         return
     seen, stated = (_median(column) for column in np.reshape(list(_speeds(data)), (-1, 2)).T)
     if OFF[0] < stated / seen < OFF[1] or seen < SLOWEST_MM_S:

@@ -145,6 +145,15 @@ def bins(covariate: Covariate, most: int) -> Ints:
     return np.unique(np.searchsorted(np.unique(edges), covariate.values), return_inverse=True)[1]
 
 
+def missing_course(data: Observations) -> str:
+    """Return why effects over time within a press cannot be seen; empty where they can."""
+    if data.is_timed:
+        return ""
+    if data.is_curves:
+        return "needs times that grow from sample to sample in every press"
+    return "needs depth and force over time within a press (curves)"
+
+
 def missing_times(data: Observations) -> str:
     """Return why `running_share` is not known; empty where it is."""
     timed = np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0 and data.count >= 3

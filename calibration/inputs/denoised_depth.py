@@ -60,13 +60,13 @@ def ways(data: Observations) -> Ints:
 
     A depth that no longer moves at its press's speed is in air.
     """
-    way, depth, noise = branches(data).copy(), data.depth_mm, _reading_noise(data)
+    way, depth, noise, timed = branches(data).copy(), data.depth_mm, _reading_noise(data), data.is_timed
     for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         for first, last in _runs(way[one] == HOLD):
             if last - first + 1 >= MIN_HELD:
                 _fit_plateau(way[one], depth[one], first, last, noise_mm=noise)
                 _fit_corners(way[one], depth[one], data.time_s[one], (first + last) // 2, noise_mm=noise)
-        if speed > 0 and data.is_curves:
+        if speed > 0 and timed:
             on = float(speed) * (data.time_s[one] - data.time_s[one.start])
             _fit_turn(way[one], depth[one], on)
             _fit_rest(way[one], depth[one], on, UNLOAD, noise)
@@ -110,6 +110,8 @@ def _fit_corners(way: Ints, depth_mm: Floats, time_s: Floats, inside: int, *, no
             if ramp.size < LINE or (way[ramp] != beside).any() or last - first < MIN_HELD:
                 continue
             on = time_s[ramp] - time_s[end]
+            if np.ptp(on) == 0:
+                continue
             expected = depth_mm[ramp].mean() - on.mean() * np.polyfit(on, depth_mm[ramp], 1)[0]
             off = abs(depth_mm[end] - level)
             if off > CORNER * noise_mm and off > abs(depth_mm[end] - expected):

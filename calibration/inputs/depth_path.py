@@ -7,7 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, by_times, denoised_depth, ways
+from calibration.inputs.denoised_depth import (
+    FREE,
+    HOLD,
+    LOAD,
+    SAME_MM,
+    UNLOAD,
+    branches,
+    by_times,
+    denoised_depth,
+    ways,
+)
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Floats
@@ -133,7 +143,7 @@ MAX_RAMP_SHARE = 0.5  # longest usable offset over the duration of a ramp
 def in_phase(data: Observations) -> Observations:
     """Return the data without presses whose ramps are too short for the clock offset, unless these are most.
 
-    A warning names the offset. Points, and curves without times, are returned unchanged.
+    A warning names the hysteresis and what may cause it. Points, and curves without times, are returned unchanged.
     """
     if not (offset := offset_by_phase(data)):
         return data
@@ -141,11 +151,30 @@ def in_phase(data: Observations) -> Observations:
     speed = np.nan_to_num(data.presses.speed_mm_s)
     out = (deepest > 0) & (speed * abs(offset) > MAX_RAMP_SHARE * deepest)
     at_least = "at least" if abs(offset) >= GRID_S[-1] else "about"
-    said = f"the clocks of depth and force differ by {at_least} {KILO * abs(offset):.0f} ms"
+    gap_N, largest_N = _hysteresis_N(data), float(np.max(np.abs(data.normal_N)))
+    said = (
+        f"loading and unloading differ by {KILO * gap_N:.3g} mN ({100 * gap_N / largest_N:.2g} % of the largest "
+        f"force), as relaxation, drag or adhesion, or clocks of depth and force {at_least} "
+        f"{KILO * abs(offset):.0f} ms apart, would make them"
+    )
     if 0 < np.count_nonzero(out) < data.count / 2:
         names = ", ".join(np.array(data.presses.label)[out])
-        data, said = data.take(~out), f"{said}: excluded are presses that load within twice that time ({names})"
-    return data.warned(f"{said}. Synchronise the clocks")
+        data, said = data.take(~out), f"{said}; presses that load within twice that time are excluded ({names})"
+    return data.warned(f"{said}. A fit lies between the two")
+
+
+def _hysteresis_N(data: Observations) -> float:
+    """Return the median over presses of the largest difference of force, N, between loading and unloading."""
+    found, branch = [0.0], branches(data)
+    for one in data.spans:
+        depth, force = data.depth_mm[one], data.normal_N[one]
+        load, unload = (branch[one] == kind for kind in (LOAD, UNLOAD))
+        if load.sum() > 1 and unload.any():
+            along = np.argsort(depth[load], kind="stable")
+            between = unload & (depth >= depth[load].min()) & (depth <= depth[load].max())
+            expected = np.interp(depth[between], depth[load][along], force[load][along])
+            found.append(float(np.abs(force[between] - expected).max(initial=0.0)))
+    return float(np.median(found[1:] or found))
 
 
 def with_one_clock(data: Observations) -> Observations:

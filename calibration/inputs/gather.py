@@ -13,6 +13,8 @@ import numpy as np
 from calibration.inputs.observations import (
     DAY_S,
     OF_SAMPLES,
+    TYPICAL_FORCE_N,
+    TYPICAL_ZERO_MM,
     DepthSource,
     EdgeDrop,
     Measured,
@@ -20,10 +22,13 @@ from calibration.inputs.observations import (
     Presses,
     Shared,
     as_sets,
+    stand_still,
 )
+from calibration.inputs.wild_samples import without_wild
 from tactilevision.errors import InputError
+from tactilevision.recording.layout import CURVES, POINTS, some
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.measured import Bools, Curve, Floats
+from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Gel, Indenter, Press
 
 if TYPE_CHECKING:
@@ -117,18 +122,67 @@ class _Touch:
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
-    """Return the accepted points of one or several recordings, one sample a press."""
+    """Return the accepted points of one or several recordings, one sample a press.
+
+    Without those at the touch within a depth's zero and a force's noise, as (0, 0): they do not depend on the gel.
+    A warning names them.
+    """
     sets = as_sets(measured)
-    return _gather(sets, [t for k, m in enumerate(sets) for t in _point_touches(m, k)])
+    kept, warnings = zip(*map(_pressed, sets), strict=True)
+    data = _gather(sets, [t for k, m in enumerate(kept) for t in _point_touches(m, k)])
+    return data.warned(*filter(None, warnings))
+
+
+def _pressed(measured: Measured) -> tuple[Measured, str]:
+    """Return the recording without accepted points at the touch, and a warning that names them."""
+    at = [p for p in measured.points if p.accepted and _at_touch(p)]
+    if not at:
+        return measured, ""
+    named = some(list(dict.fromkeys(p.press for p in at)))
+    said = f"{len(at)} rows are excluded, whose depth and force are 0 within their noise (press {named})"
+    kept = tuple(p for p in measured.points if not (p.accepted and _at_touch(p)))
+    return replace(measured, points=kept), f"{_file(measured, POINTS)}: {said}"
+
+
+def _at_touch(point: CertifiedPoint) -> bool:
+    noise = finite_or(point.depth_std_mm, TYPICAL_ZERO_MM), finite_or(point.fz_std_N, TYPICAL_FORCE_N)
+    return abs(point.depth_mm) <= noise[0] and abs(point.fz_N) <= noise[1]
+
+
+def _file(measured: Measured, name: str) -> str:
+    return f"{measured.recording.name}: {name}" if measured.recording.name else name
 
 
 def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
-    """Return every finite sample of the curves of one or several recordings.
+    """Return every finite sample of the curves of one or several recordings, without wild ones.
 
-    Raises InputError where a press is not listed or holds no finite sample.
+    Warnings name these, and presses whose times are too coarse. Raises InputError where a press is not listed or
+    holds no finite sample, and where more than a few samples are wild.
     """
     sets = as_sets(measured)
-    return _gather(sets, [t for k, m in enumerate(sets) for t in _curve_touches(m, k)])
+    used = [replace(m, curves=tuple(map(_finite, m.curves))) for m in sets]
+    wild = [without_wild(m.curves, where=_file(m, CURVES)) for m in used]
+    kept = [replace(m, curves=curves) for m, (curves, _) in zip(used, wild, strict=True)]
+    data = _gather(sets, [t for k, m in enumerate(kept) for t in _curve_touches(m, k)])
+    return data.warned(*filter(None, (*(warning for _, warning in wild), *map(_coarse, kept))))
+
+
+def _finite(curve: Curve) -> Curve:
+    use = np.isfinite(curve.time_s) & np.isfinite(curve.depth_mm) & np.isfinite(curve.force_N[:, 2])
+    if not use.any():
+        raise InputError("a curve has no sample with time, depth and force", where=f"press {curve.press}")
+    return curve.samples(use)
+
+
+def _coarse(measured: Measured) -> str:
+    """Return a warning that names the presses whose times do not grow with their samples."""
+    named = [curve.press for curve in measured.curves if stand_still(curve.time_s)]
+    said = (
+        f"{_file(measured, CURVES)}: time_s stays the same over several samples of press {some(named)}, so that "
+        "relaxation, a clock offset and whatever else acts within a press cannot be determined. Record finer "
+        "times, or exclude these presses"
+    )
+    return said if named else ""
 
 
 def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
@@ -166,19 +220,16 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
     protocol = {p.press: p for p in recording.presses}
     for curve in measured.curves:
         row = protocol.get(curve.press) or _only_indenter(recording, curve.press)
-        use = np.isfinite(curve.time_s) & np.isfinite(curve.depth_mm) & np.isfinite(curve.force_N[:, 2])
-        if not use.any():
-            raise InputError("a curve has no sample with time, depth and force", where=f"press {curve.press}")
 
-        def recorded(name: str, otherwise: float, curve: Curve = curve, use: Bools = use) -> Floats:
+        def recorded(name: str, otherwise: float, curve: Curve = curve) -> Floats:
             found = curve.extra.get(name)
-            return np.full(int(use.sum()), otherwise) if found is None else np.asarray(found, dtype=float)[use]
+            return np.full(curve.time_s.size, otherwise) if found is None else np.asarray(found, dtype=float)
 
         arrays = {
-            "time_s": curve.time_s[use],
-            "depth_mm": curve.depth_mm[use],
-            "force_N": np.nan_to_num(curve.force_N[use]),
-            "phase": curve.phase[use],
+            "time_s": curve.time_s,
+            "depth_mm": curve.depth_mm,
+            "force_N": np.nan_to_num(curve.force_N),
+            "phase": curve.phase,
             "temperature_C": recorded("temperature_C", row.temperature_C),
             "depth_std_mm": recorded("", finite_or(recording.depth_std_mm, NAN)),
             "force_std_N": recorded("", NAN if recording.force_std_N is None else recording.force_std_N[2]),
@@ -249,10 +300,10 @@ def _speed(touch: _Touch) -> float:
     phase = touch.arrays["phase"]
     loading = phase == "load" if (phase == "load").any() else phase != "free"
     time, depth = touch.time_s[loading], touch.arrays["depth_mm"][loading]
-    steps = np.diff(time) > 0
-    if not steps.any():
+    ticks = np.diff(time, prepend=-math.inf) > 0  # the first sample of several with one time
+    if ticks.sum() < 2:
         return NAN
-    rate = np.diff(depth)[steps] / np.diff(time)[steps]
+    rate = np.diff(depth[ticks]) / np.diff(time[ticks])
     return float(np.median(rate[rate > 0])) if (rate > 0).any() else NAN
 
 

@@ -27,6 +27,7 @@ Ints = npt.NDArray[np.int64]
 DepthSource = Literal["vision", "stage", "gauge"]
 DAY_S = 86400  # s in a day
 OF_SAMPLES = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
+SAME_TIME = 0.25  # share of the steps between samples that may take no time
 TYPICAL_GAIN = 0.005  # relative force from press to press; centre of a weak prior
 TYPICAL_ZERO_MM = 0.004  # mm, std of a press's zero of depth; centre of a weak prior
 TYPICAL_FORCE_N = 0.005  # N, noise of one force reading where none is stated
@@ -191,8 +192,9 @@ class Observations:
 
     @property
     def is_timed(self) -> bool:
-        """Whether presses are curves whose samples all have times."""
-        return self.is_curves and bool(np.isfinite(self.time_s).all())
+        """Whether presses are curves whose samples all have times that grow with them."""
+        known = self.is_curves and bool(np.isfinite(self.time_s).all())
+        return known and not any(stand_still(self.time_s[one]) for one in self.spans)
 
     @property
     def first(self) -> Ints:
@@ -246,6 +248,11 @@ class Observations:
         if self.slopes is not None:
             arrays["slopes"] = self.slopes.take(rows)
         return replace(self, press=press, presses=presses, **arrays)
+
+
+def stand_still(time_s: Floats) -> bool:
+    """Return whether more than a quarter of the samples of a press have the time (n,), s, of the one before."""
+    return bool(np.mean(np.diff(time_s) <= 0) > SAME_TIME) if time_s.size > 1 else False
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,7 +190,7 @@ def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tu
     """Return one row for each recording, in order of date."""
     ordered = sorted(recordings, key=lambda m: str(m.recording.date or ""))
     results = [calibrate(m, law=law) for m in ordered]
-    own = [_own_stiffness(result.fitted) for result in results]
+    own = [_own_stiffness(result.fitted, main_radius(results[0].fitted)) for result in results]
     tests = [_change(own[0], other) for other in own]
     adjusted = [1.0, *holm([p for _, _, p in tests[1:]])]
     return tuple(
@@ -218,10 +218,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(p) for p in adjusted]
 
 
-def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
-    """Return c with its noise alone: shared tolerances and nu fixed as stated."""
+def _own_stiffness(fitted: Fit, radius_mm: float) -> tuple[Estimate, float]:
+    """Return c of this radius, else of the main one, with its noise alone: shared tolerances and nu as stated."""
     again = fit(fitted.model.without(HEIGHTS).without(DIMENSIONS), fitted.data, tolerances=False)
-    return stiffness_of(again, main_radius(again)), again.noise.dof
+    known = radius_mm in again.data.presses.radius_mm
+    return stiffness_of(again, radius_mm if known else main_radius(again)), again.noise.dof
 
 
 def _change(first: tuple[Estimate, float], other: tuple[Estimate, float]) -> tuple[float, Pair, float]:

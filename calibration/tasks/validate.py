@@ -160,14 +160,14 @@ def validate(
     for measurements that no contact explains (see checks).
     """
     check(data)
-    given, data = data, in_phase(data)
+    data = in_phase(data)
     samples = representative(data)
     jobs = [(law, friction) for law in laws for friction in frictions]
     found = []
     for number, (law, friction) in enumerate(jobs):
         progress(number, len(jobs), f"{law}, {friction_name(friction)}")
         found.append(_compare(data, samples, material, law, friction))
-    notes = [*data.warnings[len(given.warnings) :], *_assumptions(data, material)]
+    notes = [*data.warnings, *_assumptions(data, material)]
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
 
 

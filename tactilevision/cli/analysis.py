@@ -127,7 +127,7 @@ def compare(
     history = _history_of(asked, steps_of_comparison(found, files))
     folders.write_comparison(found, history, out=out, form=form, try_next=commands, listener=console)
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
-    console.warn(excluded)
+    console.warn([*found.stated.warnings, *excluded])
     console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
     console.say(*excluded, *(f"{words}: {text}" for words, text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
@@ -239,16 +239,17 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     marks = file_marks(paths)
     taken = certify_recordings(paths, scale_doubt=False, listener=console)
     own, files = folders.named_effects(private)
+    data = observed(taken)
     return Opened(
         paths=paths,
         measured=tuple(one.measured for one in taken),
-        data=observed(taken),
+        data=data,
         bulge=sharpest_poisson_ratio(taken),
         bound=NU_SILICONE if history.prior else None,
         private=tuple(own),
         files=files,
         frames=tuple(_frames(one) for one in taken),
-        warnings=tuple(warning for one in taken for warning in one.recording.warnings),
+        warnings=(*(warning for one in taken for warning in one.recording.warnings), *data.warnings),
         marks=marks,
     )
 

@@ -56,8 +56,11 @@ def calibrate(
         moved = "has changed" if row.moved else "no significant change"
         console.say(f"{row.date} {row.recording}: stiffness {100 * row.change:+.1f} % since the first, {moved}")
     latest = outcomes[-1]
+    for one in outcomes:
+        said = one.result.warnings if one.result is not None else ()
+        of = "" if one is latest else f"{one.certified.recording.name}: "
+        console.warn([f"{of}{line.removeprefix(of)}" for line in said if line not in one.certified.warnings])
     if latest.result is not None:
-        console.warn([line for line in latest.result.warnings if line not in latest.certified.warnings])
         console.say(*summary(latest.result))
     else:
         console.say(*in_words(latest.certified.points))

@@ -87,6 +87,15 @@ class Curve:
                 remedy='numpy.stack([fx, fy, fz], axis=1); numpy.full(n, "") where no phase is known.',
             )
 
+    def samples(self, keep: Bools) -> Curve:
+        """Return these samples (T,)."""
+        if keep.all():
+            return self
+        z_mm = None if self.z_mm is None else self.z_mm[keep]
+        extra = {name: values[keep] for name, values in self.extra.items()}
+        kept = (self.time_s[keep], self.depth_mm[keep], self.force_N[keep], self.phase[keep])
+        return Curve(self.press, *kept, z_mm, extra)
+
 
 @dataclass(frozen=True, slots=True)
 class Material:

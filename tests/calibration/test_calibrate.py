@@ -175,7 +175,10 @@ def test_presses_out_of_phase_are_left_out() -> None:
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
     assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
-    assert any("60 ms: excluded" in warning for warning in result.warnings)
+    (said,) = [warning for warning in result.warnings if "60 ms apart" in warning]
+    assert "loading and unloading differ by" in said
+    assert "presses that load within twice that time are excluded (0, 3)" in said
+    assert "ynchronise" not in said
     assert result.c.value == pytest.approx(3.5, rel=0.05)
 
 
@@ -183,6 +186,13 @@ def test_calibration_json_has_every_key_and_is_json() -> None:
     content = calibrate(draw(WELL, np.random.default_rng(0))).as_json()
     json.dumps(content, allow_nan=False)
     assert set(content) >= CALIBRATION_KEYS
+
+
+def test_history_compares_one_radius() -> None:
+    """Of two radii with as many points each, and of the same less one point of the first radius."""
+    measured = draw(replace(WELL, radii_mm=(1.5, 2.5)), np.random.default_rng(2))
+    fewer = replace(measured, points=measured.points[1:])
+    assert history([measured, fewer])[1].change == pytest.approx(0, abs=0.02)
 
 
 def test_history_says_when_the_modulus_has_moved() -> None:
