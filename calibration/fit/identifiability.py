@@ -160,8 +160,8 @@ def _as_wide(one: Estimate) -> Estimate:
 
 
 def main_radius(fitted: Fit) -> float:
-    """Return the radius with the most samples: c and beta are reported for it."""
-    radii, counts = np.unique(fitted.data.radius_mm, return_counts=True)
+    """Return the radius with the most presses: c and beta are reported for it."""
+    radii, counts = np.unique(fitted.data.presses.radius_mm, return_counts=True)
     return float(radii[np.argmax(counts)])
 
 
