@@ -18,7 +18,8 @@ from tactilevision.errors import InputError
 CATALOGUE = (
     *("depth_zero", "bevel_rise", "force_bias", "force_gain", "force_crosstalk", "clock_offset", "tilt"),
     *("edge_fillet", "backing_compliance", "lateral_boundary", "thickness", "thickness_wedge", "skin"),
-    *("friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("friction", "adhesion", "viscoelasticity", "poroelasticity", "recovery", "mullins", "stiffening"),
+    *("ageing", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
 
