@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.constant_parameters import Varying
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
@@ -126,7 +127,8 @@ class UnexplainedMisfit:
     `left` describes the residual where the verdict is UNKNOWN, `left_over` what is significant of it whether it
     matters or not; `nearest` the effect that explains most of it, and its share; `plain` the nearest instrument
     error; `alternative_explanation` the one that explains as much as the effects named; `change_point` the press
-    from which on it is there; `would_have_to_be` what could cause a beta that theory does not allow.
+    from which on it is there; `would_have_to_be` what could cause a beta that theory does not allow; `varying`
+    parameters of effects that are not constant where they have to be.
     """
 
     left: Unexplained | None = None
@@ -136,6 +138,7 @@ class UnexplainedMisfit:
     alternative_explanation: AlternativeExplanation | None = None
     change_point: str | None = None
     would_have_to_be: tuple[InadmissibleBeta, ...] = ()
+    varying: tuple[Varying, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +197,7 @@ class Diagnosis:
             "reconstructed_depth": search.sight and _sight(search.sight),
             "left": left and asdict(left),
             "left_over": rest.left_over and rest.left_over.as_json(),
+            "not_constant": [one.as_json() for one in rest.varying],
             "nearest": rest.nearest and dict(zip(("key", "explains"), rest.nearest, strict=True)),
             "nearest_plain_error": rest.plain and rest.plain.effect.key,
             "otherwise": other and other.as_json(),

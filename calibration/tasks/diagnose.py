@@ -272,6 +272,7 @@ def _determine(
             alternative_explanation=force.alternative_explanation,
             change_point=change_point(fitted, rng) if force.unknown else None,
             would_have_to_be=explained,
+            varying=tuple(varying for one in both for varying in one.varying),
         ),
         presses=OddPresses(force.odd),
         limits=small,
