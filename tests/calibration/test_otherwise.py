@@ -44,9 +44,9 @@ def named(
     base = current = refit_with_pure_noise(fit(LAW, noisy(RICH, force_N, seed)))
     steps = []
     for key in keys:
-        best = refit_with(current, EFFECTS[key])
+        best = refit_with(before := current, EFFECTS[key])
         current = adopt(current, best)
-        steps.append(Step(best, Scored(key, 1.0, 0.0, 0.0), 0.5, current, (best,)))
+        steps.append(Step(best, Scored(key, 1.0, 0.0, 0.0), 0.5, current, (best,), before))
     first = Round(replace(NOTHING, others=tuple(standing)), (), {}, base)
     return Searched(base, base, (first,), tuple(steps), NOTHING)
 
