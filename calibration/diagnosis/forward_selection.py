@@ -263,8 +263,28 @@ def _look(
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(fetch())
-    candidates = [c for c in candidates if not refit.rests_on_one_reading(about, c)]
-    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored, about)
+    kept = sorted((c for c in candidates if not refit.rests_on_one_reading(about, c)), key=lambda c: c.cost)
+    if kept:
+        likened = [_with_terms(about, c) if c.effect.key in kept[0].effect.confused_with else c for c in kept]
+        kept = sorted(likened, key=lambda c: c.cost)
+    return Round(seen, tuple(kept), scored, about)
+
+
+def _with_terms(about: Fit, candidate: Candidate) -> Candidate:
+    """Return the candidate with as many terms as lower chi^2 + 2 q by AS_GOOD each.
+
+    A better candidate that it is confused with may else only have more terms than one.
+    """
+    more = candidate.effect.richer()
+    while more is not None:
+        try:
+            richer = refit_with(about, more)
+        except CANNOT_FIT:
+            break
+        if richer.cost > candidate.cost - AS_GOOD:
+            break
+        candidate, more = richer, more.richer()
+    return candidate
 
 
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
