@@ -22,11 +22,12 @@ FORM = 0.1  # std of a gel effect's form in each step of each covariate, over wh
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 PRESS_BINS = 8  # groups of presses, between which a step may lie
+OVER = " by "  # between a parameter and the covariate over which it has to be constant
 SAME = MICRO  # of the largest singular value: less is linearly dependent
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:
-    """Return step functions (N, k) of a sample's covariates, and of sizes that have to be constant, by name."""
+    """Return steps (N, k) of a sample's covariates, and of parameters that have to be constant, by name."""
     seen = seen_covariates(steady)
     return {c.name: _steps(steady, c) for c in seen if not c.of_press} | _of_one_size(steady, seen)
 
@@ -83,13 +84,13 @@ def indicators(covariate: Covariate, most: int) -> Floats:
 
 
 def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
-    """Return step functions (N, k) of the sizes of effects in the fit that have to be constant."""
+    """Return step functions (N, k) of parameters of effects in the fit that have to be constant (`same_over`)."""
     found = {}
     for effect in fitted.model.effects:
-        name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
-        for covariate in (c for c in seen if c.name in effect.same_over):
+        for name in (f"{effect.key}.{p.name}" for p in effect.parameters if effect.same_over):
             change = fitted.jacobian[:, fitted.index(name)]
-            found[f"{effect.key} by {covariate.name}"] = indicators(covariate, OTHER_BINS) * change[:, None]
+            for covariate in (c for c in seen if c.name in effect.same_over):
+                found[f"{name}{OVER}{covariate.name}"] = indicators(covariate, OTHER_BINS) * change[:, None]
     return found
 
 

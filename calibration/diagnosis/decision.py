@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.constant_parameters import Varying, varying
 from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.diagnosis.unexplained import Remainder, remainder
@@ -34,7 +35,8 @@ class Outcome:
     """Result of one search, of the force or of the picture's depth.
 
     `steps` are the effects that stand; `tried` what fitted best where none does; `left` the smallest p of the last
-    model's residual; `unknown` is defined in `decide`; `remainder` what is significant of the residual.
+    model's residual; `unknown` is defined in `decide`; `remainder` what is significant of the residual; `varying`
+    parameters of the effects that are not constant where they have to be.
     """
 
     searched: Searched
@@ -45,6 +47,7 @@ class Outcome:
     flags: tuple[str, ...]
     odd: OutlyingPresses = NOTHING_ODD
     remainder: Remainder | None = None
+    varying: tuple[Varying, ...] = ()
 
     @property
     def sets(self) -> list[tuple[Candidate, ...]]:
@@ -80,7 +83,8 @@ def decide(searches: Sequence[Outcome], flags: Sequence[str]) -> str:
     The first of these that holds is the verdict:
 
     - UNKNOWN: a search is unknown;
-    - AMBIGUOUS: an effect has rivals, or beta is not one that theory allows (`flags`);
+    - AMBIGUOUS: an effect has rivals, a parameter of it varies that has to be constant, or beta is not one that
+      theory allows (`flags`);
     - IDENTIFIED: an effect was added;
     - ADEQUATE: none was.
 
@@ -89,7 +93,8 @@ def decide(searches: Sequence[Outcome], flags: Sequence[str]) -> str:
     """
     if any(one.unknown for one in searches):
         return "UNKNOWN"
-    if STRANGE_BETA & set(flags) or any(len(equal) > 1 for one in searches for equal in one.sets):
+    rivals = any(len(equal) > 1 for one in searches for equal in one.sets)
+    if rivals or STRANGE_BETA & set(flags) or any(one.varying for one in searches):
         return "AMBIGUOUS"
     return "IDENTIFIED" if any(one.steps for one in searches) else "ADEQUATE"
 
@@ -114,13 +119,15 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         so_far = tuple(c.effect.key for c in searched.rounds[-1].candidates)
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
+    varies = varying(searched.current, searched.last.covariates, level=level)
+    flags += ["parameter_varies"] if varies else []
     enough = CORRECTED if steps and steps[-1].best.effect.treatment else MOSTLY
     mostly = 0 < len(steps) < MAX_EFFECTS and searched.explained > enough and not odd.wanders
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):
-        return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)
+        return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over, varies)
     tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over)
+    return Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over, varies)
 
 
 # What could cause a beta that theory does not allow, and how straight it leaves the line of P/w over w/h.

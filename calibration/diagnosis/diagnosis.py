@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.constant_parameters import Varying
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
@@ -125,7 +126,8 @@ class UnexplainedMisfit:
 
     `left` describes the residual where the verdict is UNKNOWN, `left_over` what is significant of it whether it
     matters or not; `nearest` the effect that explains most of it, and its share; `change_point` the press from
-    which on it is there; `would_have_to_be` what could cause a beta that theory does not allow.
+    which on it is there; `would_have_to_be` what could cause a beta that theory does not allow; `varying`
+    parameters of effects that are not constant where they have to be.
     """
 
     left: Unexplained | None = None
@@ -133,6 +135,7 @@ class UnexplainedMisfit:
     nearest: tuple[str, float] | None = None
     change_point: str | None = None
     would_have_to_be: tuple[InadmissibleBeta, ...] = ()
+    varying: tuple[Varying, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +198,7 @@ class Diagnosis:
             "reconstructed_depth": search.sight and _sight(search.sight),
             "left": left and asdict(left),
             "left_over": rest.left_over and rest.left_over.as_json(),
+            "not_constant": [one.as_json() for one in rest.varying],
             "nearest": rest.nearest and dict(zip(("key", "explains"), rest.nearest, strict=True)),
             "change_point": rest.change_point,
             "would_have_to_be": [asdict(one) for one in rest.would_have_to_be],

@@ -36,11 +36,17 @@ USUAL_SPEED_MM_S = 0.2  # where none was recorded
 
 @dataclass(frozen=True, slots=True)
 class NextMeasurement:
-    """An action, its duration in minutes, and the expected separation in std."""
+    """What to do, its minutes, the expected separation in std, and the candidates that it separates."""
 
-    action: str
+    what: str
     minutes: float
     separation_sigma: float = nan
+    separates: str = ""
+
+    @property
+    def action(self) -> str:
+        """What to do, with the candidates that it separates."""
+        return f"{self.separates}: {self.what}" if self.separates else self.what
 
     def as_json(self) -> dict[str, Any]:
         """Return one entry of measure_next."""
@@ -68,6 +74,11 @@ def actions(data: Observations) -> tuple[tuple[str, float, list[dict[str, Any]]]
     places = ((6, 0), (-6, 0), (0, 6), (0, -6))
     return (
         ("press with two more radii (x .6 and x 1.4)", 15, [{"radius": 0.6 * radius}, {"radius": 1.4 * radius}]),
+        (
+            "hold presses with two more radii (x .6 and x 1.4) for 25 s",
+            18,
+            [{"radius": share * radius, "speed": speed, "hold_s": 25} for share in (0.6, 1.4)],
+        ),
         ("press ten times slower and ten times faster", 8, [{"speed": speed / 10}, {"speed": speed * 10}]),
         ("hold a press for 25 s", 3, [{"speed": speed, "hold_s": 25}]),
         ("press at +-6 mm in x and y", 10, [{"place": place} for place in places]),
@@ -195,8 +206,17 @@ def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
         check = one.effect.check
         if check is not None and np.isfinite(check.std):
             size = abs(float(one.own_values[0]) - one.effect.parameters[0].default)
-            found.append(NextMeasurement(check.action, check.minutes, size / check.std))
+            plan = NextMeasurement(check.action, check.minutes, size / check.std)
+            found.append(_named(plan, one, [other for other in group if other is not one]))
     return found
+
+
+def _named(plan: NextMeasurement, one: Candidate, others: Sequence[Candidate]) -> NextMeasurement:
+    """Return the action with the names of the candidates that it separates."""
+    if not others:
+        return plan
+    first, *rest = (c.effect.key.replace("_", " ") for c in (one, *others))
+    return replace(plan, separates=f"{first} from {' and '.join(rest)}")
 
 
 def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
@@ -229,22 +249,32 @@ def plan_next(
 ) -> tuple[NextMeasurement, ...]:
     """Return what to do: presses `again`, then checks of the residual, candidates, then effects not detectable.
 
+    Of candidates a direct check comes before presses, since it needs no model of the other.
     `sets`: for each search, the candidates of each step; `instead`: those of a beta out of theory.
     """
     open_sets = [group for one in sets for group in one]
     if not open_sets and instead:
         open_sets = [tuple(instead)]
-    plans = [plan for group in open_sets for plan in of_candidates(group)]
+    checks = [plan for group in open_sets for plan in of_candidates(group)]
+    presses = list[NextMeasurement]()
     for group in sets[0] or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
         if len(group) > 1:
-            plans += measure_next(base, group[0], rivals=group[1:])
+            presses = [
+                _named(plan, group[0], group[1:]) for plan in measure_next(base, group[0], rivals=group[1:])
+            ]
             break
-    worth = [plan for plan in plans if plan.separation_sigma > WORTH]
-    worth.sort(key=lambda plan: -min(plan.separation_sigma, MAX_SIGMA) / plan.minutes)
+    worth = [
+        plan for plans in (checks, presses) for plan in sorted(plans, key=_rate) if plan.separation_sigma > WORTH
+    ]
     seen = left.covariates if left is not None else ()
     follow = [_by_hand(check) for check in dict.fromkeys(FOLLOW[key] for key in seen if key in FOLLOW)]
     found = [*again, *follow, *worth, *of_hidden(bias)]
-    return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
+    return tuple({plan.what: plan for plan in reversed(found)}.values())[::-1]
+
+
+def _rate(plan: NextMeasurement) -> float:
+    """Return less the separation a minute."""
+    return -min(plan.separation_sigma, MAX_SIGMA) / plan.minutes
 
 
 def press_again(odd: OutlyingPresses, contrast: PressContrast | None = None) -> tuple[NextMeasurement, ...]:

@@ -51,7 +51,8 @@ class Round:
 class Step:
     """A confirmed candidate: its score, its skill on presses held out, and the fit with it.
 
-    `equals` are the candidates that these data cannot distinguish from it, itself first.
+    `equals` are the candidates that these data cannot distinguish from it, itself first; `about` is the fit that
+    all of them were added to.
     """
 
     best: Candidate
@@ -59,6 +60,19 @@ class Step:
     skill: float
     fitted: Fit
     equals: tuple[Candidate, ...]
+    about: Fit
+
+    def own_fits(self) -> dict[str, Fit]:
+        """Return a fit without a prior on the size of each of `equals`, by its key; none where none is found.
+
+        The best one's is `fitted` where its size has no prior.
+        """
+        found = {}
+        for one in self.equals:
+            best = one is self.equals[0] and one.effect.freed() == one.effect
+            with suppress(*CANNOT_FIT):
+                found[one.effect.key] = self.fitted if best else refit.own_fit(self.about, one)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,9 +223,7 @@ def _cost(found: Fit, current: Fit) -> float:
 
 def _with_own(step: Step, fitted: Fit) -> Step:
     """Return the step with its effect as in a later fit."""
-    effect = next(e for e in fitted.model.effects if e.key == step.best.effect.key)
-    best = Candidate(effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N)
-    return replace(step, best=best)
+    return replace(step, best=Candidate.of_fit(step.best.effect.key, fitted))
 
 
 def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bool:
@@ -251,8 +263,28 @@ def _look(
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(fetch())
-    candidates = [c for c in candidates if not refit.rests_on_one_reading(about, c)]
-    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored, about)
+    kept = sorted((c for c in candidates if not refit.rests_on_one_reading(about, c)), key=lambda c: c.cost)
+    if kept:
+        likened = [_with_terms(about, c) if c.effect.key in kept[0].effect.confused_with else c for c in kept]
+        kept = sorted(likened, key=lambda c: c.cost)
+    return Round(seen, tuple(kept), scored, about)
+
+
+def _with_terms(about: Fit, candidate: Candidate) -> Candidate:
+    """Return the candidate with as many terms as lower chi^2 + 2 q by AS_GOOD each.
+
+    A better candidate that it is confused with may else only have more terms than one.
+    """
+    more = candidate.effect.richer()
+    while more is not None:
+        try:
+            richer = refit_with(about, more)
+        except CANNOT_FIT:
+            break
+        if richer.cost > candidate.cost - AS_GOOD:
+            break
+        candidate, more = richer, more.richer()
+    return candidate
 
 
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
@@ -292,7 +324,7 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
             fitted = adopt(current, best)
             gain = skill(current, fitted, best.effect)
             if gain > (-refit.chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
-                return Step(best, scored, gain, fitted, refit.equals(current, best, again))
+                return Step(best, scored, gain, fitted, refit.equals(current, best, again), current)
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None

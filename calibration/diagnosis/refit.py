@@ -41,6 +41,12 @@ class Candidate:
     chi2: float
     force_N: Floats
 
+    @classmethod
+    def of_fit(cls, key: str, fitted: Fit) -> Candidate:
+        """Return the effect of this key as it is in a fit."""
+        effect = next(e for e in fitted.model.effects if e.key == key)
+        return cls(effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N)
+
     @property
     def cost(self) -> float:
         """chi^2 + 2 q + 2 ln n: what candidates of q parameters and n searched forms are compared by."""
@@ -234,6 +240,13 @@ def adopt(base: Fit, candidate: Candidate) -> Fit:
         raise ConvergenceError(f"{candidate.effect.key} does not fit from any of its starts")
     costs = [one.chi2 + log_volume(one) for one in fits]
     return next(one for one, cost in zip(fits, costs, strict=True) if cost < min(costs) + SAME)
+
+
+def own_fit(about: Fit, candidate: Candidate) -> Fit:
+    """Return the candidate as a fit of its own, from its values, without a prior on its size."""
+    effect = candidate.effect.freed()
+    one = candidate if effect == candidate.effect else refit_with(about, effect)
+    return _settled(about, one.model, one.values)
 
 
 def log_volume(fitted: Fit) -> float:

@@ -19,7 +19,7 @@ CATALOGUE = (
     *("force_jump", "force_gain", "gain_drift", "sensor_creep", "force_crosstalk", "clock_offset", "backlash"),
     *("screw_error", "clock_rate", "force_filter", "tilt", "edge_fillet", "backing_compliance"),
     *("lateral_boundary", "soft_zone", "thickness", "thickness_wedge", "skin", "friction", "adhesion"),
-    *("viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("viscoelasticity", "poroelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
 

@@ -6,8 +6,8 @@ P_e is the elastic force with the instantaneous modulus, g_i the fraction of the
 constant tau_i in s; each press begins with a relaxed gel. For small g the law's nonlinearity and the relaxation
 separate (quasi-linear viscoelasticity). A punch retracted faster than the gel follows loses contact: P >= 0 where
 P_e > 0; elsewhere (air, tension by adhesion) P_e is kept. Range: g up to .6, tau .05 to 100 s, up to three terms;
-vanishes at g_i = 0. Confused with stiffening, a clock offset and a tilt; a hold of 25 s, or rates over two
-decades, distinguish it. Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
+vanishes at g_i = 0. Confused with drainage, stiffening, a clock offset and a tilt; a hold of 25 s, rates
+over two decades and several radii distinguish it. Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ class Viscoelasticity(EffectBase):
     title = "the gel relaxes under load"
     stage = Stage.HISTORY
     seen_in = ("t", "log rate", "load/unload")
-    confused_with = ("stiffening", "clock_offset", "tilt")
-    separated_by = ("a hold of 25 s", "two decades of rate")
+    confused_with = ("poroelasticity", "stiffening", "clock_offset", "tilt")
+    separated_by = ("a hold of 25 s", "two decades of rate", "holds with several radii")
     source = "Fung, Biomechanics (1993), sec. 7.6"
+    same_over = ("a", "log rate", "order")
     order = 160
     largest = 0.3
     check = ManualCheck("hold a press for 25 s", 3)

@@ -169,8 +169,9 @@ class EffectBase:
     `title`: a short sentence. `seen_in`: covariates against which its residual shows; for an effect of the gel the
     names of `covariates` also bound the error of its form (`form_errors`). `confused_with`: keys of effects that
     look alike. `separated_by`: what distinguishes them. `source` of the equation. `threshold`: it acts only beyond
-    or below some depth, so a small amplitude does not represent it. `same_over`: covariates over which its size is
-    constant, where an imitation varies. `reads_force`: it depends on the normal force; the model passes it the
+    or below some depth, so a small amplitude does not represent it. `same_over`: covariates over which its
+    parameters are constants of the material or of the rig, where those of an imitation vary; it is not identified
+    unless they are (`covariates`). `reads_force`: it depends on the normal force; the model passes it the
     predicted force, since the measured one carries noise. `asks_readings`: it takes from the readings which branch
     a sample is on; confirmed on held-out presses, it is given NOT_READ.
 

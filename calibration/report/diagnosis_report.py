@@ -379,13 +379,30 @@ def _verdict_sentence(found: Diagnosis) -> str:
 def _ambiguous(found: Diagnosis) -> str:
     """Return what the data cannot distinguish: effects, or explanations of an implausible beta."""
     several = ", ".join(in_words(key) for key in found.candidates)
+    if found.remainder.varying and len(found.candidates) == len(found.effects):
+        return (
+            f"An effect like {several} is missing from the model, but it is not that one alone.{_varying(found)}"
+        )
     cannot = "these data cannot distinguish the explanations"
     beta = wording.estimate(found.material.before.beta)
     if "beta_outside_theory" in found.flags and not found.effects:
         return f"A line fits, but beta = {beta} lies outside the range of contact laws; {cannot}: {several}."
     if "beta_at_bound" in found.flags and not found.effects:
         return f"The slope is at its bound, beta = {beta}; {cannot}: {several}, or a wrong unit."
-    return f"An effect is missing from the model; these data cannot distinguish: {several}."
+    return f"An effect is missing from the model; these data cannot distinguish: {several}.{_varying(found)}"
+
+
+def _varying(found: Diagnosis) -> str:
+    """Return which parameter is not constant where it has to be; empty where all are."""
+    if not found.remainder.varying:
+        return ""
+    one = found.remainder.varying[0]
+    ends = " and ".join(
+        f"{wording.estimate(value)} where that is {wording.number(at)}"
+        for at, value in zip(one.ends, one.values, strict=True)
+    )
+    what = f"The {_meaning(one.effect, one.parameter)} of {in_words(one.effect)}"
+    return f" {what} differs with {wording.covariate(one.covariate)}: {ends}, a ratio of {one.ratio:.1f}."
 
 
 def _without(found: Diagnosis) -> str:

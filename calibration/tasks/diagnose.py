@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -41,7 +41,7 @@ from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
-from calibration.result.material import material_by_routes
+from calibration.result.material import determine_material, material_by_routes
 from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone, with_stated_noise
@@ -59,8 +59,10 @@ def _widened(result: CalibrationResult, factors: Sequence[float], warning: str) 
     return replace(result, youngs_modulus=replace(E, interval95=wide)).noted(warning)
 
 
-def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[float]) -> CalibrationResult:
-    """Widen E's interval to the rivals of each effect, to what is significant but was not named, and to `others`.
+def _over_candidates(
+    after: CalibrationResult, force: Outcome, own: Sequence[Mapping[str, Fit]], others: Sequence[float]
+) -> CalibrationResult:
+    """Widen E's interval to that of each candidate's `own` fit, to what is significant but not named, to `others`.
 
     Where nothing is named E may be that of any effect that was significant at first; else of one that is
     significant on the last fit but was not confirmed on presses held out. `others`: factors of E.
@@ -70,7 +72,6 @@ def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[
         base, turn = searched.base, searched.rounds[0]
         found = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted < LEVEL]
     else:
-        factors += [c.values[0] / equals[0].values[0] for equals in force.sets for c in equals[1:]]
         base, turn = searched.current, searched.rounds[-1]
         found = [
             c for c in turn.candidates
@@ -78,8 +79,20 @@ def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[
             and c.model.without(c.effect.key).keys == base.model.keys
         ]  # fmt: skip
     factors += [c.values[0] / base.values[0] for c in found]
+    fits = list[tuple[Fit, float]]()  # and E by the steps that followed
+    for step, each in zip(force.steps, own, strict=True):
+        later = float(force.fitted.values[0] / step.fitted.values[0])
+        fits += [(one, later) for one in each.values() if one is not step.fitted]
+    for one in (c for c in found if c.effect.freed() != c.effect):  # a prior may be what is wrong
+        with suppress(*CANNOT_FIT):
+            fits.append((refit.own_fit(turn.about, one), 1.0))
+    E = after.youngs_modulus
+    for fitted, later in fits:
+        if (interval := determine_material(fitted).youngs_modulus.interval95) is not None:
+            E = holding(E, (interval[0] * later, interval[1] * later))
     said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
-    return _widened(after, factors, said)
+    held = replace(after, youngs_modulus=E)
+    return _widened(held if after.youngs_modulus == E else held.noted(said), factors, said)
 
 
 def _over_bend(after: CalibrationResult, searched: Searched) -> CalibrationResult:
@@ -236,7 +249,8 @@ def _determine(
     explained, instead = decision.would_have_to_be(base, suspects), _refitted(base, suspects)
     moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     shares = [modulus / float(base.values[0]) for modulus in moduli]
-    after, unseen = _material(alone, (force, sight), catalogue, shares)
+    own = [step.own_fits() for step in force.steps]
+    after, unseen = _material(alone, (force, sight), catalogue, own, shares)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
@@ -248,7 +262,9 @@ def _determine(
     local = force.unknown or any({"x", "y"} & set(e.seen_in) for e in catalogue if e.key in candidates)
     contrast = press_contrast(base, force.searched.first.covariates, level=LEVEL) if local else None
     again = press_again(force.odd, contrast)
-    next_best = plan_next(base, [one.sets for one in both], again=again, left=left, instead=instead, bias=bias)
+    open_sets = [tuple(Candidate.of_fit(*one) for one in fits.items()) for fits in own]
+    of_picture = [] if sight is None else [sight.sets]
+    next_best = plan_next(base, [open_sets, *of_picture], again=again, left=left, instead=instead, bias=bias)
     return Diagnosis(
         verdict=decision.decide(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
@@ -271,6 +287,7 @@ def _determine(
             nearest=next((nearest(one.searched) for one in both if one.unknown), None),
             change_point=change_point(fitted, rng) if force.unknown else None,
             would_have_to_be=explained,
+            varying=tuple(varying for one in both for varying in one.varying),
         ),
         presses=OddPresses(force.odd, contrast=contrast),
         limits=small,
@@ -290,13 +307,14 @@ def _material(
     alone: CalibrationResult,
     both: tuple[Outcome, Outcome | None],
     catalogue: Sequence[Effect],
+    own: Sequence[Mapping[str, Fit]],
     shares: Sequence[float],
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
     """Return the last fit's material `alone`, with E's interval over each candidate and over unseen effects."""
     force, sight = both
     remarks = [NOT_TRUSTED] if force.unknown else [force.remainder.sentence] if force.remainder else []
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
-    after = _over_bend(_over_candidates(alone, force, shares), force.searched)
+    after = _over_bend(_over_candidates(alone, force, own, shares), force.searched)
     reached = holding(after.youngs_modulus, averaged.interval95)
     after = replace(after, youngs_modulus=reached).noted(*remarks)
     return (after if sight is None else _over_rise(after, sight)), unseen

@@ -90,8 +90,11 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     found = diagnose(shifted, np.random.default_rng(0))
     assert found.verdict == "AMBIGUOUS"
     assert set(found.candidates) == {"depth_zero", "force_bias"}
-    sigma = {a.action: a.separation_sigma for a in found.measure_next if np.isfinite(a.separation_sigma)}
-    assert found.measure_next[0].action in sigma, "what tells the candidates apart comes first"
+    sigma = {a.what: a.separation_sigma for a in found.measure_next if np.isfinite(a.separation_sigma)}
+    assert found.measure_next[0].what in sigma, "what tells the candidates apart comes first"
+    assert found.measure_next[0].action.startswith(
+        ("depth zero from force bias: ", "force bias from depth zero: ")
+    )
     assert sigma["record air before the first touch"] > 3
     assert sigma["press with two more radii (x .6 and x 1.4)"] > 3
     assert "repeat the presses in a month" not in sigma

@@ -99,7 +99,7 @@ def test_it_says_what_it_is(effect: Effect) -> None:
     assert type(effect).__doc__
     for part in ("title", "seen_in", "confused_with", "separated_by", "source"):
         assert getattr(effect, part), f"{effect.key} lacks {part}"
-    units = {"", "1", "mm", "N", "s", "rad", "1/K", "d", "mm/N", "mm/mm", "N/mm", "1/mm"}
+    units = {"", "1", "mm", "N", "s", "mm^2/s", "rad", "1/K", "d", "mm/N", "mm/mm", "N/mm", "1/mm"}
     suffixes = ("_mm", "_N", "_s", "_rad", "_K", "_days", "_mm_per_N", "_N_per_mm", "_per_mm", "_x", "_y")
     for parameter in effect.parameters:
         assert parameter.unit in units

@@ -26,7 +26,7 @@ def with_clock(lost_N: float, offset_s: float) -> Fit:
 def test_a_clock_is_off_by_one_time_at_all_rates_and_both_ways(lost_N: float, offset_s: float, one: bool) -> None:
     fitted = with_clock(lost_N, offset_s)
     looked = {c.key: c.p_adjusted for c in score_test(fitted, (), rng=np.random.default_rng(0)).covariates}
-    told = min(looked["clock_offset by log rate"], looked["clock_offset by load/unload"])
+    told = min(looked["clock_offset.offset_s by log rate"], looked["clock_offset.offset_s by load/unload"])
     assert told > 0.05 if one else told < 1e-4
     if one:
         assert fitted.estimate("clock_offset.offset_s").value == pytest.approx(offset_s, rel=0.05)
