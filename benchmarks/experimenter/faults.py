@@ -193,7 +193,8 @@ def noise_grows(scene: Scene, k: int, size: Sizes) -> tuple[Array, Array]:
 
 def noise_factor(press: Press, size: Sizes) -> Array:
     """How much larger than in air the noise is (n,), by the depth."""
-    return 1 + size.get("noise_grows", 0.0) * np.maximum(press.depth_mm, 0.0) / press.depth_mm.max()
+    depth = np.maximum(press.depth_mm, 0.0)
+    return np.asarray(1 + size.get("noise_grows", 0.0) * depth / depth.max())
 
 
 def swelling(scene: Scene, k: int, size: Sizes) -> tuple[Array, Array]:

@@ -194,7 +194,7 @@ def _of_clean(rows: Sequence[Row]) -> list[str]:
 
 def _width(one: Row) -> float:
     low, high = one["interval_MPa"]
-    return 2 * (high - low) / (high + low)
+    return float(2 * (high - low) / (high + low))
 
 
 def _of_quiet(rows: Sequence[Row]) -> list[str]:
