@@ -77,7 +77,7 @@ def _make(folder: Path, kind: str, stream: list[int], *, rich: bool, straight: b
     if kind == "near":
         gel = _as_strong(gel, float(own.uniform(*STRENGTHS)), _law(deepcopy(same), gel, plan, reader))
     truth, rows = _read(rng, gel, plan, reader)
-    _write(folder, plan, reader, stated_nu, rows)
+    write(folder, plan, reader, stated_nu, rows)
     law = StraightLaw(plan, reader, gel.nu, truth)
     strength, off = law.leaves()
 
@@ -146,9 +146,17 @@ def _read(
     return truth, rows
 
 
-def _write(
-    folder: Path, plan: protocol.Protocol, reader: noise.Reader, stated_nu: float, rows: list[Read]
+def write(
+    folder: Path,
+    plan: protocol.Protocol,
+    reader: noise.Reader,
+    stated_nu: float | None,
+    rows: list[Read],
+    *,
+    depth_source: str = "stage",
+    tolerances_mm: tuple[float, float] = (0.0, 0.0),
 ) -> None:
+    """Write the folder; `tolerances_mm`: std of the thickness and of a radius, 0 where they are not stated."""
     folder.mkdir(parents=True, exist_ok=True)
     radii = sorted({press.radius_mm for press in plan.presses})
     text = [
@@ -160,14 +168,17 @@ def _write(
         "mm_per_px = 0.06",
     ]
     text += ["width_px = 400", "height_px = 300", "[sensor.gel]", f"thickness_mm = {plan.thickness_mm}"]
-    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {stated_nu}", f"poisson_ratio_std = {NU_STD}"]
+    text += [f"thickness_std_mm = {tolerances_mm[0]}"] * bool(tolerances_mm[0])
+    text += ['shape = "disc"', "radius_mm = 15.0"]
+    text += [] if stated_nu is None else [f"poisson_ratio = {stated_nu}", f"poisson_ratio_std = {NU_STD}"]
     if reader.stated:
         text += ["[force]", f"std_N = [{reader.force_N}, {reader.force_N}, {reader.force_N}]"]
-    text += ["[depth]", 'source = "stage"']
+    text += ["[depth]", f'source = "{depth_source}"']
     if reader.stated and reader.depth_mm:
         text += [f"std_mm = {reader.depth_mm}"]
     for a in radii:
         text += [f"[indenter.R{100 * a:.0f}]", 'shape = "flat_cylinder"', f"radius_mm = {a}"]
+        text += [f"radius_std_mm = {tolerances_mm[1]}"] * bool(tolerances_mm[1])
     (folder / "recording.toml").write_text("\n".join(text) + "\n", encoding="utf-8")
     presses = ["press,indenter,start_s,end_s,x_mm,y_mm,rest_s,speed_mm_s,hold_s,temperature_C,date"]
     curves = [HEAD]

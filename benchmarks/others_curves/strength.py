@@ -28,9 +28,14 @@ Truth = list[tuple[Array, Array, Array]]  # of each press force and slope of the
 
 
 class StraightLaw:
-    """One modulus, one slope of P/w over w a radius, nu as well known as it is stated, under the true noise."""
+    """One modulus, one slope of P/w over w a radius, nu as well known as it is stated, under the true noise.
 
-    def __init__(self, plan: protocol.Protocol, reader: noise.Reader, nu: float, truth: Truth) -> None:
+    `nu_std` of either sign: the side of nu on which the force's derivative by it is taken.
+    """
+
+    def __init__(
+        self, plan: protocol.Protocol, reader: noise.Reader, nu: float, truth: Truth, *, nu_std: float = NU_STD
+    ) -> None:
         radii = sorted({press.radius_mm for press in plan.presses})
         columns, self._roots = list[Array](), list[Array]()
         for press, (force, slope, error) in zip(plan.presses, truth, strict=True):
@@ -38,7 +43,7 @@ class StraightLaw:
             own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
             self._roots.append(np.asarray(np.linalg.cholesky(own)))
             which = np.eye(len(radii))[radii.index(press.radius_mm)]
-            k, moved = (slope_N_per_mm(1.0, n, press.radius_mm, plan.thickness_mm) for n in (nu, nu + NU_STD))
+            k, moved = (slope_N_per_mm(1.0, n, press.radius_mm, plan.thickness_mm) for n in (nu, nu + nu_std))
             parts = [force, *(np.outer(force * press.depth_mm, which)).T, (moved / k - 1) * force, error]
             columns.append(np.column_stack(parts))
         self._plain = np.vstack(columns)
@@ -49,6 +54,12 @@ class StraightLaw:
         read, table = self._tables(*beside)
         best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
         return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
+
+    @property
+    def off_E(self) -> float:
+        """Share by which what is hidden moves E of the best straight law."""
+        table = self._tables()[1]
+        return float(np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0][0])
 
     def apart(self, other: Array, *, least: float, most: float) -> float:
         """Std that are left of what is hidden beside the best share of another (N,) from `least` to `most`."""
