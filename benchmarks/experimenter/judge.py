@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.experimenter.named import NO_ALARM, RIGHT, is_right
 from benchmarks.experimenter.recording import TESTABLE, make
 from benchmarks.others_curves.judge import share
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import calibrate
@@ -66,14 +67,12 @@ def _calibrated(measured: Measured) -> Row:
 
 def _diagnosed(measured: Measured) -> Row:
     found = diagnose(observe_curves(measured), np.random.default_rng(SEED))
-    other, plain = found.remainder.alternative_explanation, found.remainder.plain
     return {
         **_modulus(found.material.after.youngs_modulus),
         "verdict": found.verdict,
         "effects": [effect.key for effect in found.effects],
         "candidates": list(found.candidates),
-        "otherwise": None if other is None else other.key,
-        "plain": None if plain is None else plain.effect.key,
+        "depends_on": [one.key for one in found.search.covariates if one.p_adjusted < LEVEL],
         "flags": list(found.flags),
         "wanders": [name for name, _ in found.presses.odd.wanders],
         "odd": list(found.presses.odd.presses),
@@ -94,12 +93,12 @@ def said(row: Row) -> set[str]:
     if "failed" in d:
         return set()
     words = {*d["effects"], *d["candidates"], f"verdict:{d['verdict']}"} | {f"flag:{one}" for one in d["flags"]}
-    return words | {f"covariate:{one}" for one in d["wanders"]} | ({d["otherwise"]} if d["otherwise"] else set())
+    return words | {f"covariate:{one}" for one in (*d["wanders"], *d["depends_on"])}
 
 
 def named(row: Row) -> bool:
     """Return whether the cause is identified or in the set."""
-    return is_right(row["kind"], said(row))
+    return is_right(row["kind"], said(row), row["sizes"])
 
 
 def sure_and_wrong(row: Row) -> bool:

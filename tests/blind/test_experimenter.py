@@ -115,14 +115,14 @@ def row(kind: str, *, covered: bool, flags: tuple[str, ...] = (), **diagnosis: A
         "verdict": "IDENTIFIED",
         "effects": [],
         "candidates": [],
-        "otherwise": None,
-        "plain": None,
+        "depends_on": [],
         "flags": [],
     }
     shared = {"interval_MPa": [0.2, 0.3], "covered": covered, "cpu_s": 1.0}
     return {
         "kind": kind,
         "seed": 1,
+        "sizes": {},
         "strength": 0.0 if kind == "clean" else 9.0,
         "off_E": 0.1,
         "stated": {"tolerances": [0.0, 0.0]},
