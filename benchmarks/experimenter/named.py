@@ -23,7 +23,7 @@ RIGHT: Mapping[str, frozenset[str]] = {
     "low_pass": frozenset({"force_filter"}),
     "depth_steps": frozenset({"verdict:ADEQUATE"}),  # counted as noise of the depth
     "gain_drift": frozenset({"gain_drift"}),
-    "slip_stick": frozenset({"covariate:scatter while loading"}),
+    "slip_stick": frozenset({"slip_stick", "covariate:scatter while loading"}),
     "permanent_set": frozenset({"permanent_set", "verdict:UNKNOWN"}),
     "tilt_soft_frame": frozenset({"tilt", "backing_compliance"}),
     "gent": frozenset({"stiffening"}),
@@ -37,6 +37,6 @@ NO_ALARM = frozenset(
 
 
 def is_right(kind: str, said: Collection[str], sizes: Mapping[str, float]) -> bool:
-    """Return whether one of the answers names this kind; a sensor that creeps down has the form of a relaxation."""
+    """Return whether an answer names this kind; a sensor that creeps down has the form of a relaxation."""
     also = {"viscoelasticity"} if sizes.get("creep", 0.0) < 0 else frozenset[str]()
     return bool((RIGHT[kind] | also) & frozenset(said))

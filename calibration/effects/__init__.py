@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 CATALOGUE = (
     *("depth_zero", "bevel_rise", "force_bias", "force_drift", "zero_creep", "force_hysteresis", "force_travel"),
     *("force_jump", "force_gain", "gain_drift", "sensor_creep", "force_crosstalk", "clock_offset", "backlash"),
-    *("screw_error", "clock_rate", "force_filter", "tilt", "edge_fillet", "backing_compliance"),
+    *("screw_error", "slip_stick", "clock_rate", "force_filter", "tilt", "edge_fillet", "backing_compliance"),
     *("lateral_boundary", "soft_zone", "thickness", "thickness_wedge", "skin", "friction", "adhesion"),
     *("viscoelasticity", "poroelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
