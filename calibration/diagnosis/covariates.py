@@ -22,6 +22,30 @@ FORM = 0.1  # std of a gel effect's form in each step of each covariate, over wh
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 SAME = MICRO  # of the largest singular value: less is linearly dependent
+IN_WORDS = {
+    "w": "the depth",
+    "w/h": "the depth",
+    "1/w": "the depth",
+    "P": "the force",
+    "t": "the time in the press",
+    "a": "the punch's radius",
+    "T": "the temperature",
+    "x": "the place in x",
+    "y": "the place in y",
+    "log rate": "the speed",
+    "order": "the order of pressing",
+    "recording date": "the day",
+    "azimuth": "the direction on the pad",
+    "Fx": "the tangential force in x",
+    "Fy": "the tangential force in y",
+    "indenter": "the indenter",
+    "wait": "the wait before",
+    "load/unload": "loading or unloading",
+    "time": "the time",
+    "slope": "the slope next to the face",
+    "azimuth beside the face": "the direction about the face",
+    "certified against reconstructed depth": "the reconstructed depth over the certified one",
+}
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:

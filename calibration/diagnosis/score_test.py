@@ -109,11 +109,13 @@ def score_test(
     rng: np.random.Generator,
     draws: int = DRAWS,
     of_rig: bool = False,
+    quick: bool = False,
     each: Each = in_turn,
 ) -> ScoreTest:
     """Score `effects` and every covariate on the residual of `fitted`, whose noise is taken as its own.
 
-    With `of_rig` instrument errors and odd presses are scored as well.
+    With `of_rig` instrument errors and odd presses are scored as well. `quick`: more samples than the first only
+    where p is near the level.
     """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
@@ -130,7 +132,8 @@ def score_test(
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
     found = _family(keys, table, len(tables), missing)
-    undecided = ((draws, (0.0, FAR_FROM * LEVEL)), (MANY_DRAWS if draws >= DRAWS else draws, NEAR_LEVELS))
+    most = MANY_DRAWS if draws >= DRAWS and not quick else draws
+    undecided = ((draws, (LEVEL / FAR_FROM if quick else 0.0, FAR_FROM * LEVEL)), (most, NEAR_LEVELS))
     for enough, (low, high) in undecided:
         smallest = min((s.p_adjusted for part in found for s in part), default=1.0)
         if len(table) <= enough and low <= smallest < high:
