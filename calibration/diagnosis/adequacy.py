@@ -27,11 +27,11 @@ from calibration.diagnosis.sensitivity import average_models
 from calibration.diagnosis.unexplained import remainders
 from calibration.effects import EFFECTS
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
-from calibration.fit.identifiability import holding
+from calibration.fit.identifiability import holding, identify
 from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.fit.repeats import LEVEL
-from calibration.result.material import material_by_routes
+from calibration.model.stages import Effect
 from calibration.result.result import CalibrationResult, ModelTest, Suspect
 
 INSUFFICIENT = "model_insufficient"  # the flag of a model that the test rejects
@@ -45,15 +45,14 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
 
     `fitted` has the noise of repeats (`judged`); `command` continues. Where the test fails the result stays.
     """
-    catalogue = [effect.freed() for effect in EFFECTS.values()]
     try:
         rng = np.random.default_rng(SEED)
-        searched = forward_selection(fitted, catalogue, rng=rng, level=LEVEL, of_rig=True, quick=True)
+        searched = forward_selection(fitted, _catalogue(), rng=rng, level=LEVEL, of_rig=True, quick=True)
     except CANNOT_FIT:
         return result
     turn, test = searched.rounds[-1], searched.rounds[-1].score_test
     if searched.start is not searched.base:
-        E = holding(result.youngs_modulus, material_by_routes(searched.start).youngs_modulus.interval95)
+        E = holding(result.youngs_modulus, identify(searched.start).youngs_modulus.interval95)
         result = over_bend(replace(result, youngs_modulus=E).noted(flags=[BEND]), searched)
     if test.family_p > LEVEL:
         return replace(result, model_test=ModelTest(test.family_p))
@@ -61,7 +60,7 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     found = decision.outcome(searched, LEVEL, OutlyingPresses(odd))
     suspects = _suspects(turn)
     if not (found.unknown or found.steps):
-        wide = widened(result, _factors(turn, suspects))
+        wide = _over_suspects(result, searched, suspects, ())
         return replace(wide, model_test=ModelTest(test.family_p))
     covariates = tuple(IN_WORDS.get(one.key, one.key) for one in test.covariates if one.p_adjusted <= LEVEL)
     said = [suspect_in_words(one) for one in suspects[:NAMED]]
@@ -76,6 +75,11 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     tested = ModelTest(test.family_p, named, covariates, odd, insufficient=True)
     wide = _over_suspects(result, searched, suspects, odd)
     return replace(wide, model_test=tested).noted(warning, flags=[INSUFFICIENT])
+
+
+def _catalogue() -> list[Effect]:
+    """Return all effects without priors: what was stated of them is in doubt."""
+    return [effect.freed() for effect in EFFECTS.values()]
 
 
 def _suspects(turn: Round) -> list[Candidate]:
@@ -114,8 +118,8 @@ def _over_suspects(
         offs = [one.E_off for one in remainders(start, searched.last, level=LEVEL)]
         factors += [1 + off for size in offs for off in (size, -size)]
     for own in fits:
-        E = holding(E, material_by_routes(own).youngs_modulus.interval95)
-    averaged, _ = average_models(result.youngs_modulus, start, effects=list(EFFECTS.values()))
+        E = holding(E, identify(own).youngs_modulus.interval95)
+    averaged, _ = average_models(result.youngs_modulus, start, effects=_catalogue())
     return widened(replace(result, youngs_modulus=holding(E, averaged.interval95)), factors)
 
 

@@ -244,10 +244,11 @@ def _look(
     seen = score_test(current, catalogue, rng=rng, of_rig=of_rig, quick=quick, each=watch.each)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
-    if quick and seen.family_p > level:
-        return Round(seen, (), scored, current)
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
-    chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
+    if quick:  # suspects alone
+        chosen = [key for key in chosen if scored[key].p_adjusted <= level]
+    else:
+        chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
     candidates = []
     about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
     fetches = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
