@@ -31,7 +31,6 @@ from calibration.fit.identifiability import holding, identify
 from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.fit.repeats import LEVEL
-from calibration.model.stages import Effect
 from calibration.result.result import CalibrationResult, ModelTest, Suspect
 
 INSUFFICIENT = "model_insufficient"  # the flag of a model that the test rejects
@@ -43,11 +42,14 @@ NAMED = 3  # suspects named in a sentence
 def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> CalibrationResult:
     """Return the result with the test of `fitted`; beyond the level flagged, and E's interval over the suspects.
 
-    `fitted` has the noise of repeats (`judged`); `command` continues. Where the test fails the result stays.
+    `fitted` has the noise of repeats (`judged`); `command` continues. Where it cannot be done the result stays.
     """
+    if fitted.data.size <= np.count_nonzero(fitted.free):  # nothing is left to test
+        return result
+    catalogue = [effect.freed() for effect in EFFECTS.values()]  # what was stated of them is in doubt
     try:
         rng = np.random.default_rng(SEED)
-        searched = forward_selection(fitted, _catalogue(), rng=rng, level=LEVEL, of_rig=True, quick=True)
+        searched = forward_selection(fitted, catalogue, rng=rng, level=LEVEL, of_rig=True, quick=True)
     except CANNOT_FIT:
         return result
     turn, test = searched.rounds[-1], searched.rounds[-1].score_test
@@ -60,7 +62,7 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     found = decision.outcome(searched, LEVEL, OutlyingPresses(odd))
     suspects = _suspects(turn)
     if not (found.unknown or found.steps):
-        wide = _over_suspects(result, searched, suspects, ())
+        wide = widened(result, _factors(turn, suspects))
         return replace(wide, model_test=ModelTest(test.family_p))
     covariates = tuple(IN_WORDS.get(one.key, one.key) for one in test.covariates if one.p_adjusted <= LEVEL)
     said = [suspect_in_words(one) for one in suspects[:NAMED]]
@@ -75,11 +77,6 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     tested = ModelTest(test.family_p, named, covariates, odd, insufficient=True)
     wide = _over_suspects(result, searched, suspects, odd)
     return replace(wide, model_test=tested).noted(warning, flags=[INSUFFICIENT])
-
-
-def _catalogue() -> list[Effect]:
-    """Return all effects without priors: what was stated of them is in doubt."""
-    return [effect.freed() for effect in EFFECTS.values()]
 
 
 def _suspects(turn: Round) -> list[Candidate]:
@@ -119,7 +116,7 @@ def _over_suspects(
         factors += [1 + off for size in offs for off in (size, -size)]
     for own in fits:
         E = holding(E, identify(own).youngs_modulus.interval95)
-    averaged, _ = average_models(result.youngs_modulus, start, effects=_catalogue())
+    averaged, _ = average_models(result.youngs_modulus, start, effects=list(EFFECTS.values()))
     return widened(replace(result, youngs_modulus=holding(E, averaged.interval95)), factors)
 
 
