@@ -118,6 +118,7 @@ def calibrate_recording(
     *,
     law: Law | str = DEFAULT_LAW,
     prior: bool = True,
+    test: bool = True,
     listener: Listener | None = None,
 ) -> CalibrationResult:
     """Return Young's modulus and Poisson's ratio of the gel that a recording pressed.
@@ -131,6 +132,8 @@ def calibrate_recording(
         where no punch is flat); "paper": the published route, without nu from the rise.
     prior
         Bound nu by the range of elastomers where the recording does not state nu.
+    test
+        Test whether the law explains the measurements, which takes some tenths of a second.
     listener
         Receives progress and warnings while the call runs.
 
@@ -159,7 +162,7 @@ def calibrate_recording(
     """
     heard = listener or Collected()
     one = certify_recordings(recording, poisson_ratio=law == DEFAULT_LAW, listener=heard)[0]
-    found = calibrate_certified(one, law=law, prior=prior)
+    found = calibrate_certified(one, law=law, prior=prior, test=test)
     if found.result is None:
         assert found.fault is not None
         raise found.fault
@@ -285,7 +288,7 @@ def validate_recording(
     if calibration is not None or stored.is_file():
         material = read_material(calibration or stored)
     else:
-        result = calibrate_recording(one)
+        result = calibrate_recording(one, test=False)
         material = result.material or middle_material(result.poisson_ratio.interval95, result.youngs_modulus_of_nu)
         if result.material is None:
             nu = f"{material.poisson_ratio:.3f}"
@@ -357,16 +360,16 @@ def _certify(
 
 
 def calibrate_certified(
-    certified: CertifiedRecording, *, law: Law | str = DEFAULT_LAW, prior: bool = True
+    certified: CertifiedRecording, *, law: Law | str = DEFAULT_LAW, prior: bool = True, test: bool = True
 ) -> Calibrated:
-    """Return the material of a certified recording, or why its presses determine none.
+    """Return the material of a certified recording, or why its presses determine none; `test` as in `calibrate`.
 
     Raises InputError where the measurements were wrong as they came, before any press was looked at.
     """
     clock, points = certified.clock_offset, certified.points
     bound, nu = NU_SILICONE if prior else None, certified.poisson_ratio if law == DEFAULT_LAW else None
     try:
-        result = calibrate(certified.measured, law=law, clock_offset=clock, bulge=nu, bound=bound)
+        result = calibrate(certified.measured, law=law, clock_offset=clock, bulge=nu, bound=bound, test=test)
     except (NothingCertified, InputError) as fault:
         brought = certified.certificate is None and all(point.accepted for point in points)
         if isinstance(fault, InputError) and brought:
@@ -384,13 +387,14 @@ def calibrate_each(
     *,
     law: str = DEFAULT_LAW,
     prior: bool = True,
+    test: bool = True,
     cluster: str | None = None,
     listener: Listener | None = None,
 ) -> list[Calibrated]:
     """Calibrate each recording by itself, the oldest first; a cluster certifies them."""
     nu = law == DEFAULT_LAW
     certified = certify_recordings(recordings, poisson_ratio=nu, cluster=cluster, listener=listener)
-    return [calibrate_certified(one, law=law, prior=prior) for one in certified]
+    return [calibrate_certified(one, law=law, prior=prior, test=test) for one in certified]
 
 
 def with_warnings_of(result: CalibrationResult, certified: Sequence[CertifiedRecording]) -> CalibrationResult:

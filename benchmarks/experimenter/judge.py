@@ -150,15 +150,10 @@ def _of_faults(rows: Sequence[Row]) -> list[str]:
     return [
         *lines,
         share("cause identified or in the set (85 %)", [*map(named, rows)]),
-        share("  of these or as the nearest plain error", [_almost(r) for r in rows]),
         share("wrong and sure (<= 1 %)", [*map(sure_and_wrong, rows)]),
         share("UNKNOWN", [r["diagnose"].get("verdict") == "UNKNOWN" for r in rows]),
         share("E covered by diagnose (>= 93 %)", [r["diagnose"]["covered"] for r in rows]),
     ]
-
-
-def _almost(row: Row) -> bool:
-    return named(row) or is_right(row["kind"], {row["diagnose"].get("plain") or ""})
 
 
 def _of_clean(rows: Sequence[Row]) -> list[str]:

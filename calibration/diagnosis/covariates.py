@@ -24,6 +24,30 @@ OTHER_BINS = 6  # steps of every other covariate
 PRESS_BINS = 8  # groups of presses, between which a step may lie
 OVER = " by "  # between a parameter and the covariate over which it has to be constant
 SAME = MICRO  # of the largest singular value: less is linearly dependent
+IN_WORDS = {
+    "w": "the depth",
+    "w/h": "the depth",
+    "1/w": "the depth",
+    "P": "the force",
+    "t": "the time in the press",
+    "a": "the punch's radius",
+    "T": "the temperature",
+    "x": "the place in x",
+    "y": "the place in y",
+    "log rate": "the speed",
+    "order": "the order of pressing",
+    "recording date": "the day",
+    "azimuth": "the direction on the pad",
+    "Fx": "the tangential force in x",
+    "Fy": "the tangential force in y",
+    "indenter": "the indenter",
+    "wait": "the wait before",
+    "load/unload": "loading or unloading",
+    "time": "the time",
+    "slope": "the slope next to the face",
+    "azimuth beside the face": "the direction about the face",
+    "certified against reconstructed depth": "the reconstructed depth over the certified one",
+}
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:

@@ -127,17 +127,20 @@ def forward_selection(
     rng: np.random.Generator,
     level: float,
     of_rig: bool = False,
+    quick: bool = False,
     watch: Watch = UNWATCHED,
 ) -> Searched:
     """Add effects to `base` one after another; with `of_rig` instrument errors and odd presses are tested as well.
 
     A candidate that cannot be fitted is passed over. Once the time of `watch` is over the search ends, `stopped`.
+    `quick`: one effect at most, and candidates are fitted only where the test is significant.
     """
     start = current = looked_at = base
     rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = SECOND if steps else level if current is base else level / 2
-        turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
+        turn = _look(current, catalogue, rng, now, of_rig=of_rig, quick=quick, watch=watch)
+        looked_at = current
         rounds.append(turn)
         if watch.over:
             break
@@ -157,11 +160,11 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-        if step.best.effect.treatment:  # the rest is tested once the measurements are treated
+        if quick or step.best.effect.treatment:  # the rest is tested once the measurements are treated
             break
     last = rounds[-1].score_test
     if looked_at is not current:
-        last = score_test(current, (), rng=rng, of_rig=of_rig, each=watch.each)
+        last = score_test(current, (), rng=rng, of_rig=of_rig, quick=quick, each=watch.each)
     other = {key: share for key, share in bend_or.items() if key not in current.model.keys}
     return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
 
@@ -245,15 +248,19 @@ def _look(
     level: float,
     *,
     of_rig: bool,
+    quick: bool,
     watch: Watch,
 ) -> Round:
     """Run the score test, then refit the best eight and every effect that acts as a threshold."""
     watch.tell("testing the residual")
-    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig, each=watch.each)
+    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig, quick=quick, each=watch.each)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
-    chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
+    if quick:  # suspects alone
+        chosen = [key for key in chosen if scored[key].p_adjusted <= level]
+    else:
+        chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
     candidates = []
     about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
     fetches = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])

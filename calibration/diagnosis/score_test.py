@@ -40,6 +40,7 @@ PORTION = 300  # samples made at once
 PORTION_VALUES = 4_500_000  # forces made at once, 36 MB
 BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 forces
 FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
+QUICK_NEAR = 2  # times the level: p of 99 samples within it may lie on the other side
 SHARE = 0.6  # share of the level that effects have
 SCATTER = "scatter while loading"
 
@@ -107,11 +108,13 @@ def score_test(
     rng: np.random.Generator,
     draws: int = DRAWS,
     of_rig: bool = False,
+    quick: bool = False,
     each: Each = in_turn,
 ) -> ScoreTest:
     """Score `effects` and every covariate on the residual of `fitted`, whose noise is taken as its own.
 
-    With `of_rig` odd presses are scored as well.
+    With `of_rig` odd presses are scored as well. `quick`: more samples than the first only where p is near the
+    level.
     """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
@@ -126,7 +129,9 @@ def score_test(
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
     found = _family(keys, table, len(tables), missing)
-    undecided = ((draws, (0.0, FAR_FROM * LEVEL)), (MANY_DRAWS if draws >= DRAWS else draws, NEAR_LEVELS))
+    undecided = [(draws, (0.0, FAR_FROM * LEVEL)), (MANY_DRAWS if draws >= DRAWS else draws, NEAR_LEVELS)]
+    if quick:
+        undecided = [(draws, (LEVEL / QUICK_NEAR, LEVEL * QUICK_NEAR))]
     for enough, (low, high) in undecided:
         smallest = min((s.p_adjusted for part in found for s in part), default=1.0)
         if len(table) <= enough and low <= smallest < high:

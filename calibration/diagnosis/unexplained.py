@@ -75,9 +75,14 @@ class Remainder:
 
 def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None:
     """Return the largest residual, over E's or a reading's std, that is significant at this level; else None."""
-    keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
-    found = _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
+    found = remainders(fitted, left, level=level)
     return max(found, key=lambda one: max(one.over_std_of_a_reading, one.over_std_of_E), default=None)
+
+
+def remainders(fitted: Fit, left: ScoreTest, *, level: float) -> list[Remainder]:
+    """Return the residual over each covariate and as each instrument error that is significant at this level."""
+    keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
+    return _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
 
 
 def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:

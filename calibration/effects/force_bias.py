@@ -2,7 +2,7 @@
 
     P -> P + b
 
-b in N is also read in air. Range: |b| up to .5 N; vanishes at b = 0. On one radius it is confused with a depth
+b in N is also read in air. Range: |b| up to 5 N; vanishes at b = 0. On one radius it is confused with a depth
 zero while P is linear in w; other radii or samples in air distinguish it. Source: definition.
 """
 
@@ -26,7 +26,7 @@ class ForceBias(EffectBase):
     order = 30
     largest = 0.05
     check = ManualCheck("read the force sensor with the punch in air, before and after each press", 3, 0.004)
-    parameters = (amplitude("offset_N", "N", 0.5, "force read in air", 0.02),)
+    parameters = (amplitude("offset_N", "N", 5.0, "force read in air", 0.02),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the bias."""

@@ -121,7 +121,20 @@ def _head(result: CalibrationResult) -> str:
     rows = [(titles[name], value, notes.get(name, "")) for name, value in found.items()]
     rows.append(("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"))
     table = page.table(("", "value and 95 % interval", ""), [*rows, *_error_rows(result)])
-    return page.paragraph(f"{said}, from {presses}.", kind="lead") + table
+    return page.paragraph(f"{said}, from {presses}.", kind="lead") + _sufficient(result) + table
+
+
+def _sufficient(result: CalibrationResult) -> str:
+    """Return a sentence on the test of the model."""
+    test = result.model_test
+    if test is None:
+        return ""
+    p = wording.p_value(test.p)
+    if test.insufficient:
+        return page.paragraph(f"The model does not explain these data (p = {p}): see the warnings.", kind="bad")
+    return page.paragraph(
+        f"No effect or dependence is significant in the residual (p = {p} for all tests together)."
+    )
 
 
 def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:

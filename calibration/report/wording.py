@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from calibration.diagnosis.covariates import IN_WORDS
 from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Estimate
 
@@ -12,30 +13,6 @@ MATERIAL = {
     "poisson_ratio": "Poisson's ratio ν",
     "c": "stiffness c",
     "beta": "slope β",
-}
-COVARIATES = {
-    "w": "the depth",
-    "w/h": "the depth",
-    "1/w": "the depth",
-    "P": "the force",
-    "t": "the time in the press",
-    "a": "the punch's radius",
-    "T": "the temperature",
-    "x": "the place in x",
-    "y": "the place in y",
-    "log rate": "the speed",
-    "order": "the order of pressing",
-    "recording date": "the day",
-    "azimuth": "the direction on the pad",
-    "Fx": "the tangential force in x",
-    "Fy": "the tangential force in y",
-    "indenter": "the indenter",
-    "wait": "the wait before",
-    "load/unload": "loading or unloading",
-    "time": "the time",
-    "slope": "the slope next to the face",
-    "azimuth beside the face": "the direction about the face",
-    "certified against reconstructed depth": "the reconstructed depth over the certified one",
 }
 
 
@@ -46,7 +23,7 @@ def in_words(key: str) -> str:
 
 def covariate(name: str) -> str:
     """Return a covariate in words."""
-    return COVARIATES.get(name, name)
+    return IN_WORDS.get(name, name)
 
 
 def number(value: float | None, std: float | None = None) -> str:

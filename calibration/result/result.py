@@ -26,12 +26,49 @@ COVARIANCE_OF = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta")
 
 
 @dataclass(frozen=True, slots=True)
+class Suspect:
+    """An effect that may be missing: its fitted `sizes` (name, value, unit), and E with it."""
+
+    key: str
+    sizes: tuple[tuple[str, float, str], ...]
+    modulus_MPa: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModelTest:
+    """One test of all effects, covariates and presses: the smallest p, adjusted for all of them.
+
+    Where that is significant the model is `insufficient`; `suspects` are the likeliest effects, `covariates` what
+    the residual depends on, `presses` those unlike the others.
+    """
+
+    p: float
+    suspects: tuple[Suspect, ...] = ()
+    covariates: tuple[str, ...] = ()
+    presses: tuple[str, ...] = ()
+    insufficient: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        suspects = [
+            {
+                "key": one.key,
+                "parameters": {name: {"value": value, "unit": unit} for name, value, unit in one.sizes},
+                "youngs_modulus_MPa": one.modulus_MPa,
+            }
+            for one in self.suspects
+        ]
+        lists = {"covariates": list(self.covariates), "presses": list(self.presses)}
+        return {"p": self.p, "suspects": suspects, **lists}
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationResult(Identified):
     """E, nu, c, beta with their intervals and assumptions, and how well the law fits.
 
     `covariance` (4, 4) is of COVARIANCE_OF; `presses_rejected` pairs (press, reason); `by_radius` (radius, c,
     beta) where there are several; `routes` nu by each route, used or not; `held_out_N` the rms error on
-    presses held out of the fit; `noise_floor_N` the repeatability.
+    presses held out of the fit; `noise_floor_N` the repeatability; `model_test` whether the model is sufficient.
     """
 
     c: Estimate
@@ -45,6 +82,7 @@ class CalibrationResult(Identified):
     flags: tuple[str, ...] = ()
     routes: tuple[Route, ...] = ()
     held_out_N: float = float("nan")
+    model_test: ModelTest | None = None
 
     def noted(self, *warnings: str, flags: Sequence[str] = ()) -> CalibrationResult:
         """Return the result with more warnings and flags."""
@@ -104,6 +142,7 @@ class CalibrationResult(Identified):
             "rms_error_N": self.rms_error_N,
             "held_out_N": self.held_out_N if np.isfinite(self.held_out_N) else None,
             "noise_floor_N": self.noise_floor_N,
+            "model_test": None if self.model_test is None else self.model_test.as_json(),
             "presses_accepted": list(self.presses_accepted),
             "presses_rejected": [{"press": press, "reason": reason} for press, reason in self.presses_rejected],
             "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
@@ -184,7 +223,7 @@ def unfixed_as_json(
         "beta": _open("1", why),
         "reduced_modulus_MPa": _open("MPa", why),
         **{name: [] for name in ("youngs_modulus_of_nu", "poisson_ratio_routes", "by_radius", "effects")},
-        **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT)),
+        **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT, "model_test")),
         "clock_offset_s": (clock_offset or NO_CLOCK).as_json(),
         "presses_accepted": [point.press for point in points if point.accepted],
         "presses_rejected": [{"press": press, "reason": reason} for press, reason in rejected(points)],

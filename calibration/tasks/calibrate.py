@@ -6,6 +6,7 @@ write_json("calibration.json", result.as_json())
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.adequacy import with_model_test
 from calibration.diagnosis.refit import held_out_rms
 from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
@@ -31,7 +33,8 @@ from calibration.result import poisson_routes
 from calibration.result.material import allow_for_edge, determine_material
 from calibration.result.poisson_routes import Route
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.tasks.compare import judged, with_stated_noise
+from calibration.tasks.compare import judged, with_far_held_out, with_stated_noise
+from calibration.tasks.session import as_path
 from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
@@ -47,15 +50,17 @@ def calibrate(
     clock_offset: Estimate | None = None,
     bulge: Estimate | None = None,
     bound: Pair | None = SILICONE_NU,
+    test: bool = True,
 ) -> CalibrationResult:
     """Fit a law to the accepted points, or to the curves where there are no points.
 
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
     a model whose effects are fitted as well; `clock_offset` and `bulge` (nu from the rise next to the punch) come
     from the certificate, where it has them. If the rise does not determine nu, its interval bounds nu. `bound`
-    is nu's range in elastomers, used where nu is not stated; None: no bound. Presses with inconsistent
-    clocks are omitted, with a warning. Raises NothingCertified where every press was rejected, InputError for
-    measurements that no law can be fitted to.
+    is nu's range in elastomers, used where nu is not stated; None: no bound. `test`: test whether the flat punch
+    explains the data; where it does not, E's interval reaches to what the suspects make of it. Presses with
+    inconsistent clocks are omitted, with a warning. Raises NothingCertified where every press was rejected,
+    InputError for measurements that no law can be fitted to.
     """
     sets = as_sets(measured)
     seen = without_copies(observe(sets))
@@ -77,6 +82,9 @@ def calibrate(
     result = determine_material(allow_for_indenters(fitted), poisson_routes.rivals(fitted, routes))
     result = replace(result, held_out_N=held_out_rms(again), noise_floor_N=repeatability_rms(again))
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
+    result = with_far_held_out(result, again)
+    if test and isinstance(chosen, FlatPunch):
+        result = with_model_test(result, again, command=_diagnose(sets))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
@@ -89,6 +97,11 @@ def calibrate(
         *((press, OUT_OF_PHASE) for press in late.elements()),
     )
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+
+
+def _diagnose(sets: Sequence[Measured]) -> str:
+    """Return the command that searches these recordings for the cause."""
+    return shlex.join(["tactilevision", "diagnose", *(as_path(str(one.recording.path)) for one in sets)])
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
@@ -189,7 +202,7 @@ class HistoryRow:
 def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tuple[HistoryRow, ...]:
     """Return one row for each recording, in order of date."""
     ordered = sorted(recordings, key=lambda m: str(m.recording.date or ""))
-    results = [calibrate(m, law=law) for m in ordered]
+    results = [calibrate(m, law=law, test=False) for m in ordered]
     own = [_own_stiffness(result.fitted, main_radius(results[0].fitted)) for result in results]
     tests = [_change(own[0], other) for other in own]
     adjusted = [1.0, *holm([p for _, _, p in tests[1:]])]

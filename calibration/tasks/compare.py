@@ -43,6 +43,8 @@ from tactilevision.records.measured import Estimate, Floats, Pair
 # presses. A radius that is pressed once keeps the slope beta of the whole fit while its press is held out.
 
 TOO_SMALL = "stated_noise_too_small"
+FAR_HELD_OUT = "held_out_above_repeatability"
+FAR = 0.005  # p of the F ratio below which held-out errors exceed the repeatability
 
 
 def judged(fitted: Fit) -> Fit:
@@ -77,6 +79,26 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
     else:
         return result
     return result.noted(said, flags=[flag])
+
+
+def with_far_held_out(result: CalibrationResult, fitted: Fit) -> CalibrationResult:
+    """Return the result with a warning where presses held out are off by more than they differ from each other.
+
+    By F of the two mean squares at FAR. The error of a press is common to its samples, so that each has as many
+    degrees of freedom as presses of equal weight: (sum s^2)^2 / sum s^4, s^2 the squares expected of a press.
+    Source: Satterthwaite, Biometrics 2 (1946) 110.
+    """
+    from scipy.special import fdtrc
+
+    squares = np.bincount(fitted.data.press, fitted.noise.std_N(fitted.about) ** 2)
+    dof, ratio = float(squares.sum() ** 2 / (squares**2).sum()), result.held_out_N / result.noise_floor_N
+    if not (np.isfinite(ratio) and fdtrc(dof, dof, ratio**2) < FAR):
+        return result
+    said = (
+        f"the error on held-out presses, {KILO * result.held_out_N:.3g} mN, is {ratio:.1f} times the "
+        f"repeatability, {KILO * result.noise_floor_N:.3g} mN: the model lacks something"
+    )
+    return result.noted(said, flags=[FAR_HELD_OUT])
 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis import decision, refit
+from calibration.diagnosis.adequacy import over_bend, widened
 from calibration.diagnosis.covariates import change_point
 from calibration.diagnosis.decision import Outcome
 from calibration.diagnosis.diagnosis import (
@@ -23,7 +24,7 @@ from calibration.diagnosis.diagnosis import (
     UnexplainedMisfit,
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
-from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
+from calibration.diagnosis.forward_selection import Step, forward_selection
 from calibration.diagnosis.press_contrast import press_contrast
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.diagnosis.score_test import effect_directions
@@ -46,17 +47,6 @@ from calibration.result.poisson_routes import informed, of_bulge, of_prior, tigh
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone, with_stated_noise
 from tactilevision.records.measured import Estimate, Pair
-
-# E's interval, widened to what other explanations make of E; its value stays.
-
-
-def _widened(result: CalibrationResult, factors: Sequence[float], warning: str) -> CalibrationResult:
-    """Return the result with E's interval reaching to E times each of `factors`, and the warning."""
-    E = result.youngs_modulus
-    if not factors or E.interval95 is None:
-        return result
-    wide = (E.interval95[0] * min(1.0, *factors), E.interval95[1] * max(1.0, *factors))
-    return replace(result, youngs_modulus=replace(E, interval95=wide)).noted(warning)
 
 
 def _over_candidates(
@@ -92,25 +82,14 @@ def _over_candidates(
             E = holding(E, (interval[0] * later, interval[1] * later))
     said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
     held = replace(after, youngs_modulus=E)
-    return _widened(held if after.youngs_modulus == E else held.noted(said), factors, said)
-
-
-def _over_bend(after: CalibrationResult, searched: Searched) -> CalibrationResult:
-    """Widen E's interval to the effects that explain a bend within theory as well as theory does."""
-    others = searched.bend_or
-    if not others:
-        return after
-    key = max(others, key=lambda one: abs(np.log(others[one])))
-    what, off = key.replace("_", " "), 100 * (others[key] - 1)
-    said = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
-    return _widened(after, list(others.values()), said)
+    return widened(held if after.youngs_modulus == E else held.noted(said), factors, said)
 
 
 def _over_rise(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     """Widen E's interval to what it would be if the certified depth did not allow for the gel's rise."""
     share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
     said = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
-    return _widened(after, [1 / (1 - share)] if share > 0 else [], said)
+    return widened(after, [1 / (1 - share)] if share > 0 else [], said)
 
 
 # From a misfit to its cause: what is missing from the model, what cannot be distinguished, what to measure next.
@@ -314,7 +293,7 @@ def _material(
     force, sight = both
     remarks = [NOT_TRUSTED] if force.unknown else [force.remainder.sentence] if force.remainder else []
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
-    after = _over_bend(_over_candidates(alone, force, own, shares), force.searched)
+    after = over_bend(_over_candidates(alone, force, own, shares), force.searched)
     reached = holding(after.youngs_modulus, averaged.interval95)
     after = replace(after, youngs_modulus=reached).noted(*remarks)
     return (after if sight is None else _over_rise(after, sight)), unseen

@@ -41,6 +41,7 @@ def calibrate(
         typer.Option(help="default: kappa from first principles at the true a/h; paper: the published route."),
     ] = "default",
     prior: console.PriorOption = True,
+    test: Annotated[bool, typer.Option("--test/--no-test", help="Test whether the law explains the data.")] = True,
     cluster: console.ClusterOption = None,
     form: console.FormatOption = "png",
     json: console.JsonOption = None,
@@ -51,7 +52,7 @@ def calibrate(
     history.csv says whether the gel has changed.
     """
     paths = [path for given in recordings for path in find_recordings(given)]
-    outcomes = calibrate_each(paths, law=law, prior=prior, cluster=cluster, listener=console)
+    outcomes = calibrate_each(paths, law=law, prior=prior, test=test, cluster=cluster, listener=console)
     for row in write_calibrations(outcomes, out, law=law, form=form, listener=console):
         moved = "has changed" if row.moved else "no significant change"
         console.say(f"{row.date} {row.recording}: stiffness {100 * row.change:+.1f} % since the first, {moved}")
