@@ -130,7 +130,7 @@ def forward_selection(
     quick: bool = False,
     watch: Watch = UNWATCHED,
 ) -> Searched:
-    """Add effects to `base` one after another; with `of_rig` instrument errors and odd presses are tested as well.
+    """Add effects to `base` one after another; with `of_rig` odd presses are tested as well.
 
     A candidate that cannot be fitted is passed over. Once the time of `watch` is over the search ends, `stopped`.
     `quick`: one effect at most, and candidates are fitted only where the test is significant.
@@ -155,7 +155,7 @@ def forward_selection(
                 start = room
             continue
         watch.tell("comparing the best candidates")
-        step = _confirmed(turn, now, watch.each)
+        step = _confirmed(turn, now, watch.each, quick=quick)
         if step is None:
             break
         steps.append(step)
@@ -309,11 +309,12 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
     return current
 
 
-def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
+def _confirmed(turn: Round, level: float, each: Each, *, quick: bool) -> Step | None:
     """Return the best candidate that is significant, lowers chi^2 + 2 q by 6 also without any one reading, and
     predicts held-out presses better.
 
-    One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance.
+    One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance. `quick`: no
+    rivals are looked for.
     """
     current = turn.about
     may = [
@@ -324,14 +325,15 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
         and c.cost + refit.by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = refit.weighed_again(current, may[0], turn.candidates, each) if may else ()
+    again = may if quick or not may else refit.weighed_again(current, may[0], turn.candidates, each)
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:
-            fitted = adopt(current, best)
+            fitted = adopt(current, best, quick=quick)
             gain = skill(current, fitted, best.effect)
             if gain > (-refit.chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
-                return Step(best, scored, gain, fitted, refit.equals(current, best, again), current)
+                equals = (best,) if quick else refit.equals(current, best, again)
+                return Step(best, scored, gain, fitted, equals, current)
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None

@@ -221,14 +221,14 @@ def press_folds(data: Observations) -> Ints:
     return folds
 
 
-def adopt(base: Fit, candidate: Candidate) -> Fit:
+def adopt(base: Fit, candidate: Candidate, *, quick: bool = False) -> Fit:
     """Return the candidate as a fit of its own, with the noise estimated anew from its residual.
 
     A threshold changes the noise, too, so that the best under another noise may be a wrong minimum: it is fitted
-    from all its starts, and the likelihood of each with its own noise decides.
+    from all its starts, unless `quick`, and the likelihood of each with its own noise decides.
     """
     places, values = [candidate.values], candidate.values
-    if candidate.effect.threshold:
+    if candidate.effect.threshold and not quick:
         own = candidate.model.slices(base.data)[candidate.effect.key]
         starts = candidate.effect.starts(base.data)
         places += [np.concatenate([values[: own.start], start, values[own.stop :]]) for start in starts]

@@ -31,7 +31,6 @@ class ForceJump(EffectBase):
     source = "definition"
     order = 35
     largest = 0.2
-    threshold = True
     searched = PLACES
     check = ManualCheck("read the force sensor in air before the first press and after the last", 3, 0.004)
     parameters = (

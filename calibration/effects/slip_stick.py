@@ -37,7 +37,6 @@ class SlipStick(EffectBase):
     source = "Bowden and Leben, Proc. R. Soc. A 169 (1939) 371"
     order = 62.5
     largest = 0.05
-    threshold = True
     searched = LENGTHS
     check = ManualCheck("follow the punch with a dial gauge along its travel: does it move evenly?", 10, 0.002)
     parameters = (
