@@ -21,7 +21,7 @@ RIGHT: Mapping[str, frozenset[str]] = {
     "sensor_creep": frozenset({"sensor_creep"}),
     "clock_rate": frozenset({"clock_rate"}),
     "low_pass": frozenset({"force_filter"}),
-    "depth_steps": frozenset({"verdict:ADEQUATE"}),  # counted as noise of the depth
+    "depth_steps": frozenset({"depth_quantisation"}),
     "gain_drift": frozenset({"gain_drift"}),
     "slip_stick": frozenset({"slip_stick", "covariate:scatter while loading"}),
     "permanent_set": frozenset({"permanent_set", "verdict:UNKNOWN"}),

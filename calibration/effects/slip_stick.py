@@ -3,7 +3,7 @@
     w -> w - d frac(s/L) in loading,  w + d frac(s/L) in unloading
 
 s is the travel since the press began, or since it turned back, frac the part after the point. Range: d up to .1
-mm, L from .04 mm to half the largest depth; vanishes at d = 0. Slips at places of chance have no such form; they
+mm, L from .04 mm to the largest depth; vanishes at d = 0. Slips at places of chance have no such form; they
 show as more scatter while loading. The fit begins at many lengths, whose number counts as parameters do
 (`searched`). Source: Bowden and Leben, Proc. R. Soc. A 169 (1939) 371.
 """
@@ -50,7 +50,7 @@ class SlipStick(EffectBase):
         return "" if data.is_curves and places >= MIN_PLACES else f"needs curves of {MIN_PLACES} depths or more"
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """Return the parameters, with lengths up to half the largest depth."""
+        """Return the parameters, with lengths up to the largest depth."""
         size, length = self.parameters
         most = _longest(data)
         return (size, replace(length, default=most, bounds=(FINEST_MM, most)))
@@ -70,4 +70,4 @@ class SlipStick(EffectBase):
 
 
 def _longest(data: Observations) -> float:
-    return max(0.5 * float(np.max(data.depth_mm)), 2 * FINEST_MM)
+    return max(float(np.max(data.depth_mm)), 2 * FINEST_MM)

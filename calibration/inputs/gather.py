@@ -24,6 +24,7 @@ from calibration.inputs.observations import (
     as_sets,
     stand_still,
 )
+from calibration.inputs.rounded_depth import rounding_mm
 from calibration.inputs.wild_samples import without_wild
 from tactilevision.errors import InputError
 from tactilevision.recording.layout import CURVES, POINTS, some
@@ -164,6 +165,7 @@ def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
     wild = [without_wild(m.curves, where=_file(m, CURVES)) for m in used]
     kept = [replace(m, curves=curves) for m, (curves, _) in zip(used, wild, strict=True)]
     data = _gather(sets, [t for k, m in enumerate(kept) for t in _curve_touches(m, k)])
+    data = replace(data, rounded_mm=rounding_mm(data))
     return data.warned(*filter(None, (*(warning for _, warning in wild), *map(_coarse, kept))))
 
 

@@ -129,7 +129,8 @@ class Observations:
     `indenters`). `reconstructed_mm`: the height map's depth where another is certified, with its std. `falls`: its
     surface outside the contact; `slopes`: where samples are slopes. `depth_over_force_noise`: a depth's std over a
     force's, mm/N, estimated where neither was stated. `off_mm` (N,) or 0: the depth at which the law is evaluated
-    less the one read, which effects of history use. Compared by identity, so that derived tables can be cached.
+    less the one read, which effects of history use. `rounded_mm` (N,): the depths less their course in time where
+    they are read in steps. Compared by identity, so that derived tables can be cached.
     """
 
     gel: Gel
@@ -150,6 +151,7 @@ class Observations:
     slopes: Slopes | None = None
     depth_over_force_noise: float = 0.0
     off_mm: Floats | float = 0.0
+    rounded_mm: Floats | float = 0.0
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())
@@ -240,7 +242,7 @@ class Observations:
         return replace(self, force_N=np.column_stack([self.force_N[:, :2], normal_N]))
 
     def _rows(self, rows: Ints, *, press: Ints, presses: Presses) -> Observations:
-        names = (*OF_SAMPLES, "reconstructed_mm", "reconstructed_std_mm", "off_mm")
+        names = (*OF_SAMPLES, "reconstructed_mm", "reconstructed_std_mm", "off_mm", "rounded_mm")
         given = {name: getattr(self, name) for name in names}
         arrays: dict[str, Any] = {
             name: array[rows] for name, array in given.items() if isinstance(array, np.ndarray)

@@ -27,7 +27,14 @@ from tactilevision.mechanics.kappa import kappa
 from tactilevision.records.measured import Floats
 
 EVERY = [EFFECTS[key] for key in CATALOGUE]
-UNSEEN = ("force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")  # by force alone
+UNSEEN = (
+    "depth_quantisation",
+    "force_gain",
+    "photometric_gain",
+    "bevel_rise",
+    "cast_shadow",
+    "lamp_fading",
+)  # by force alone
 CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN]
 LONG = ("edge_fillet", "tilt", "adhesion")  # fits of some seconds
 
