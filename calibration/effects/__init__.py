@@ -11,14 +11,16 @@ from types import MappingProxyType
 
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
 # key and file of each effect; its class has the same name in capitals
 CATALOGUE = (
     *("depth_zero", "bevel_rise", "force_bias", "force_gain", "force_crosstalk", "clock_offset", "tilt"),
-    *("edge_fillet", "backing_compliance", "lateral_boundary", "thickness", "thickness_wedge", "skin"),
-    *("friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("edge_fillet", "backing_compliance", "lateral_boundary", "cut_contact", "thickness", "thickness_wedge"),
+    *("skin", "friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing"),
+    *("modulus_change", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
 
@@ -31,6 +33,11 @@ def _effect(key: str) -> Effect:
 
 EFFECTS: Mapping[str, Effect] = MappingProxyType({key: _effect(key) for key in CATALOGUE})
 PLAIN: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in INSTRUMENT_ERRORS})
+
+
+def effects_for(data: Observations) -> tuple[Effect, ...]:
+    """Return the catalogue for these data; effects on resultants of pictures only where there are any."""
+    return tuple(e for e in EFFECTS.values() if e.acts_on != "resultant" or data.resultants is not None)
 
 
 def get_effect(key: str) -> Effect:

@@ -3,14 +3,19 @@
     P -> (1 + g) P
 
 g is dimensionless. Range: |g| up to .2; vanishes at g = 0. It is exactly a factor on E, so no press can show it;
-a dead weight does. Source: definition.
+a dead weight does. Next to forces computed with a known E it shows, with a prior of 1 % (a judgement: sensors as
+they are sold). Source: definition.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State, amplitude
 from tactilevision.records.measured import Floats
+
+GAIN_STD = 0.01  # std of a force sensor's gain, as sold
 
 
 class ForceGain(EffectBase):
@@ -29,8 +34,15 @@ class ForceGain(EffectBase):
     parameters = (amplitude("gain", "1", 0.2, "relative error of the force", 0.02),)
 
     def missing(self, data: Observations) -> str:
-        """Return why no data can show it."""
-        return "a factor on the force is E exactly; a dead weight would show it"
+        """Return why these data cannot show it; empty where E is known."""
+        alone = "a factor on the force is E exactly; a dead weight would show it"
+        return alone if data.resultants is None else ""
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """Return the gain, with its prior where E is known."""
+        (gain,) = self.parameters
+        prior = Prior(0.0, GAIN_STD, "force sensors as they are sold: a judgement")
+        return (gain if data.resultants is None else replace(gain, prior=prior),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force scaled."""

@@ -34,9 +34,9 @@ class PhotometricGain(Pictured):
     parameters = (amplitude("gain", "1", 0.5, "relative error of the depth", 0.03),)
 
     def missing(self, data: Observations) -> str:
-        """Return why these data cannot show the gain."""
+        """Return why these data cannot show the gain; empty where E is known."""
         alone = "a factor on the depth is E and beta exactly; a gauge in the picture would show it"
-        return super().missing(data) or alone
+        return super().missing(data) or (alone if data.resultants is None else "")
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""

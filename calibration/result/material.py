@@ -237,6 +237,35 @@ def of_round(fitted: Fit) -> CalibrationResult:
     )  # fmt: skip
 
 
+def of_resultants(fitted: Fit) -> CalibrationResult:
+    """Return E by the readings next to resultants of pictures, at the calibration's nu, with its change."""
+    places, effects = fitted.model.slices_of(fitted.values.size), fitted.model.effects
+    scale = 1 / (1 - float(fitted.values[1]) ** 2)
+
+    def moduli(values: Floats) -> tuple[float, float]:
+        modulus = float(values[0]) * float(np.prod([e.of_modulus(values[places[e.key]]) for e in effects]))
+        return modulus, scale * modulus
+
+    modulus, reduced = derived(fitted, moduli, ("MPa", "MPa"))
+    covariance = np.zeros((4, 4))
+    covariance[0, 0] = (modulus.std or 0.0) ** 2
+    nothing = Estimate(
+        None, None, None, "1", "the contact's shape is the picture's: there is no stiffness of a punch"
+    )
+    stated = fitted.parameters[0].prior
+    assert stated is not None
+    return CalibrationResult(
+        youngs_modulus=modulus, poisson_ratio=fitted.estimate("poisson_ratio"), poisson_ratio_source="prior",
+        c=replace(nothing, unit="N/mm"), beta=nothing, reduced_modulus=reduced,
+        youngs_modulus_of_nu=((float(fitted.values[1]), float(fitted.values[0])),), covariance=covariance,
+        fitted=fitted, warnings=(*fitted.warnings, *fitted.data.warnings),
+        assumptions=(
+            f"E is held to the calibration's, {stated.mean:.4g} +- {stated.std:.2g} MPa, at its nu",
+            *common_assumptions(fitted),
+        ),
+    )  # fmt: skip
+
+
 def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
     """Return E with its interval wide enough for a gel that sticks to the body, unless presses were lubricated."""
     if np.all(fitted.data.presses.lubricated == 1):
@@ -293,7 +322,9 @@ def material_by_routes(fitted: Fit) -> CalibrationResult:
 
 def determine_material(fitted: Fit) -> CalibrationResult:
     """Return the material of a fit of any law in the catalogue."""
-    if shape_of(fitted.model.law) != FLAT:
+    if fitted.data.resultants is not None:
+        found = of_resultants(fitted)
+    elif shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)

@@ -25,6 +25,7 @@ from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
+from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.reml import BEYOND_CHANCE
@@ -347,7 +348,12 @@ def base_fit(model: Model, data: Observations) -> Fit:
 
 
 def base_model(data: Observations) -> Model:
-    """Return the flat punch, with nu free where several radii may determine it and nothing else is known of it."""
+    """Return the flat punch, or the inverse step's resultant where there is one.
+
+    nu is free where several radii may determine it and nothing else is known of it.
+    """
+    if data.resultants is not None:
+        return Model(Resultant())
     several = np.unique(data.presses.radius_mm).size > 1
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 

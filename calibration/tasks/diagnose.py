@@ -29,7 +29,7 @@ from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
-from calibration.effects import EFFECTS
+from calibration.effects import effects_for
 from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
@@ -131,7 +131,7 @@ def diagnose(
     is tested: the answer is the best so far, `stopped`. Raises InputError where no law can be fitted.
     """
     data = clear_of_touch(in_phase(usable(data)))
-    catalogue = [*EFFECTS.values(), *effects]
+    catalogue = [*effects_for(data), *effects]
     diagnosed = partial(
         _diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch
     )
