@@ -4,19 +4,23 @@ A press is a mixture of Hertz patches that grow with its force; the camera sees 
 of the whole plane (`force_cases`), and the sensor reads the integral of the traction. Only the forces "by the
 picture" are those of the inverse step: it is what is compared.
 
-    python -m benchmarks.force_readings [FOLDER]       writes the sample hidden_readings
+    python -m benchmarks.force_readings [FOLDER]       writes the sample hidden_force
 """
 
 from __future__ import annotations
 
+import shutil
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from benchmarks.force_cases import Forward, View, at_camera
+from tactilevision.files.writing import write_text
 from tactilevision.force.comparison import write_comparison
 from tactilevision.force.field import ForceField, ForceSettings, triple
 from tactilevision.force.frame import FrameForce, Solved, as_force
@@ -175,6 +179,7 @@ def make(
                 replace(
                     row, frame=f"{len(rows):04d}", time_s=float(time), press=label, depth_mm=float(depth[i]),
                     resultant_N=(0.0, 0.0, float(force[i])), measured_N=triple(measured[i]),
+                    model_std_N=abs(float(force[i])) * row.model_std_N / row.resultant_N[2],
                 )
             )  # fmt: skip
         presses.append(Press(label, f"B{kind.radius_mm:g}", begin, end))
@@ -187,3 +192,43 @@ def make(
     )
     assert written is not None
     return written
+
+
+HIDDEN = Truth(modulus=0.88, clock_s=0.045)
+README = """# hidden_force: forces by pictures next to a force sensor, and two things that changed
+
+Nine presses of balls at nine places, as `tactilevision force` writes them: depth of the contact, force by the
+picture (`picture_fz_N`, with E of an earlier calibration) and the sensor's reading, on one clock. The camera's
+displacements come from the exact layer, the readings from the integral of the traction; only the forces by the
+picture are the inverse step's.
+
+No frame, force or number of a real sensor is in it. It is made again by
+
+    python -m benchmarks.force_readings sample_frames
+
+Something is hidden in it that the recording does not say; `truth.toml`, which only tests and benchmarks read, says
+what. Find it first:
+
+    tactilevision diagnose sample_frames/hidden_force --out diagnosis
+
+Licence: as the project (MIT).
+"""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the sample in place of what is there."""
+    folder = Path(arguments[0] if arguments else "sample_frames") / "hidden_force"
+    shutil.rmtree(folder, ignore_errors=True)
+    make(folder, HIDDEN, grows=True, name="hidden-force")
+    hidden = {
+        "clock_offset": {"amount": HIDDEN.clock_s, "unit": "s", "catalogued": True},
+        "modulus_change": {"amount": HIDDEN.modulus - 1, "unit": "1", "catalogued": True},
+    }
+    E = HIDDEN.modulus * MATERIAL.youngs_modulus_MPa
+    truth = {"youngs_modulus_MPa": E, "poisson_ratio": MATERIAL.poisson_ratio, "thickness_mm": GEL.thickness_mm}
+    write_text(folder / "truth.toml", tomli_w.dumps({**truth, "hidden": hidden}))
+    write_text(folder / "README.md", README)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

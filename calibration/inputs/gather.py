@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 NAN = float("nan")
 # columns that `force` adds to curves
-OF_PICTURE = ("picture_fz_N", "picture_fz_std_N", "picture_fz_of_thickness", "picture_cut")
+OF_PICTURE = ("picture_fz_N", "picture_fz_model_std_N", "picture_fz_of_thickness", "picture_cut")
 MOST_STD = 0.1  # largest relative std of the inverse step: near the touch a contact has a few cells
 POWERS = (1.0, 2.0)  # of the depth in a contact's force: from a flat face to a cone
 LEAST_RANGE = 0.2  # of ln w in a press, from which its own slope of ln R is taken
@@ -197,11 +197,11 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             "reconstructed_std_mm": recorded("", NAN),
         }
         if of_picture:
-            arrays["resultants"] = _resultants(whole, curve.depth_mm[use], recording.sensor.gel)
+            arrays["resultants"] = _resultants(whole, curve.depth_mm[use])
         yield _Touch(recording, number, row, arrays)
 
 
-def _resultants(columns: Mapping[str, Floats], depth_mm: Floats, gel: Gel | None) -> Resultants:
+def _resultants(columns: Mapping[str, Floats], depth_mm: Floats) -> Resultants:
     """Return the resultants (N,) of one press's pictures, with the slope of ln R over ln w through all of them."""
     force, inside = columns["picture_fz_N"], (depth_mm > 0) & (columns["picture_fz_N"] > 0)
     w, R = np.log(np.where(inside, depth_mm, 1.0)), np.log(np.where(inside, force, 1.0))
@@ -209,13 +209,8 @@ def _resultants(columns: Mapping[str, Floats], depth_mm: Floats, gel: Gel | None
     slope = float(off @ R / max(off @ off, TINY))
     known = np.ptp(w[inside]) > LEAST_RANGE if inside.any() else False
     power = np.full(force.size, np.clip(slope, *POWERS) if known else 1.0)
-    E = gel.youngs_modulus_MPa or NAN if gel else NAN
-    of_modulus = finite_or(gel.youngs_modulus_std_MPa if gel else None) / E
-    relative = np.sqrt(np.maximum((columns["picture_fz_std_N"] / np.maximum(force, TINY)) ** 2 - of_modulus**2, 0))
-    cut = columns["picture_cut"]
-    usual = float(np.median(relative[cut == 0])) if (cut == 0).any() else MOST_STD
-    std = np.where(cut == 0, np.minimum(relative, MOST_STD), usual)  # what lies beyond a border is no error of it
-    return Resultants(force, std, depth_mm, power, columns["picture_fz_of_thickness"], cut)
+    std = np.minimum(columns["picture_fz_model_std_N"] / np.maximum(force, TINY), MOST_STD)
+    return Resultants(force, std, depth_mm, power, columns["picture_fz_of_thickness"], columns["picture_cut"])
 
 
 def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:

@@ -123,8 +123,8 @@ class Resultants:
     """Normal forces that the inverse step computed from pictures, (N,) each.
 
     `force_N` at the gel's stated E and thickness and at `depth_mm`; `of_depth` and `of_thickness` its logarithmic
-    derivatives; `cut` the share of the contact's outline on the picture's border; `std` the relative std of the
-    step itself, without that of E.
+    derivatives; `cut` the share of the contact's outline on the picture's border; `std` the relative std of
+    the solver alone.
     """
 
     force_N: Floats

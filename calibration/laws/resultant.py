@@ -6,7 +6,7 @@ R is the normal force that the inverse step computed for the frame, with the mod
 is the depth of that frame and w the same with an error of depth or time. k = d ln R/d ln h comes from the inverse
 step at other thicknesses, m = d ln R/d ln w from the press itself: for a rigid body dR/dw is the stiffness of its
 present contact, so a deeper press and a zero of the height map act alike. s is the factor of the surroundings, v
-the inverse step's relative std, which all frames of a depth share: u ~ N(0, 1) are errors constant, linear and
+the solver's relative std, which all frames of a depth share: u ~ N(0, 1) are errors constant, linear and
 quadratic in the depth (x from -1 to 1, P_2 Legendre's). E has the calibration's own std as its prior, at the
 calibration's nu. Range: a few tenths of h_0 and of w_0. Source: the definition of k and m.
 """

@@ -142,8 +142,9 @@ def _median(values: Floats) -> float | None:
 
 # The comparison as a recording of curves for `tactilevision diagnose` and `workbench`: of each press the contact's
 # depth in the height map against the sensor's force, and the place of the pressure if the protocol states none.
-# Columns: `picture_fz_N`, its standard deviation, `picture_fz_of_thickness` (d ln fz/d ln h, by the inverse step
-# at other thicknesses for some frames of each press) and `picture_cut`. E and nu are those of the forces.
+# Columns: `picture_fz_N`, its standard deviation and the solver's part of it, `picture_fz_of_thickness` (d ln fz/d
+# ln h, by the inverse step at other thicknesses for some frames of each press) and `picture_cut`. E and nu are
+# those of the forces.
 
 MIN_COUNT = 4  # frames of a curve
 VARIED = 0.1  # of the thickness, to either side
@@ -248,6 +249,7 @@ def _curve(press: str, seen: Sequence[FrameForce], of_thickness: Floats) -> Curv
         extra={
             "picture_fz_N": np.array([row.resultant_N[2] for row in seen]),
             "picture_fz_std_N": np.array([row.resultant_std_N[2] for row in seen]),
+            "picture_fz_model_std_N": np.array([row.model_std_N for row in seen]),
             "picture_fz_of_thickness": of_thickness,
             "picture_cut": np.array([row.cut for row in seen]),
         },

@@ -97,7 +97,8 @@ class FrameForce:
 
     `depth_mm` is the greatest depth of the contact, `place_mm` the centre of pressure on the pad, `measured_N` the
     F/T sensor's force at the time; NaN: unknown. `reading_clipped`: the F/T sensor was at the end of its range in
-    the press. `cut`: the share of the contact's outline on the picture's border.
+    the press. `model_std_N`: the solver's own part of fz's std; `cut`: the share of the contact's outline on the
+    picture's border.
     """
 
     frame: str
@@ -112,6 +113,7 @@ class FrameForce:
     measured_N: Triple = NOTHING
     press: str = ""
     reading_clipped: bool = False
+    model_std_N: float = float("nan")
     cut: float = 0.0
 
     @property
@@ -209,6 +211,7 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
         place = found.first_mm[0] + found.mm_per_px[0] * column, found.first_mm[1] + found.mm_per_px[1] * row
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags),
+                      model_std_N=found.model_std_N,
                       cut=_cut(pressure > 0) if CUT in found.flags else 0.0)  # fmt: skip
 
 
