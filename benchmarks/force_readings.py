@@ -158,15 +158,17 @@ def make(
         label, end = f"p{k + 1:02d}", begin + 2 * kind.ramp_s + HOLD_S
         times = np.arange(begin + rng.uniform(0, 1) / FRAMES_A_SECOND, end, 1 / FRAMES_A_SECOND)
         times = times[course(kind, times - begin) > LEAST_SHARE]
-        levels = solved(kind, truth.thickness * GEL.thickness_mm, grows)
+        levels = solved(replace(kind, ramp_s=0.0), truth.thickness * GEL.thickness_mm, grows)
         at, share = np.arange(LEVELS + 1) / LEVELS, course(kind, times - begin)
-        force, depth = (
-            np.interp(share, at, [0.0, *values])
+        picture, deep = (
+            np.array([0.0, *values])
             for values in ([row.resultant_N[2] for _, row in levels], [row.depth_mm for _, row in levels])
         )
+        force, depth, stiff = (
+            np.interp(share, at, table) for table in (picture, deep, np.gradient(picture, deep))
+        )
         zero, gain = noise.zero_mm * rng.standard_normal(), truth.map_gain + noise.gain * rng.standard_normal()
-        force = (1 + gain) * force + zero * np.gradient(force, depth + 1e-9 * np.arange(depth.size))
-        force += noise.picture_N * rng.standard_normal(times.size)
+        force = (1 + gain) * force + zero * stiff + noise.picture_N * rng.standard_normal(times.size)
         depth = (1 + gain) * depth + zero + noise.depth_mm * rng.standard_normal(times.size)
         reading = read(kind, truth, times - truth.clock_s - begin) + truth.bias_N
         measured = np.column_stack([np.zeros((times.size, 2)), reading]) + noise.reading_N * rng.standard_normal(

@@ -143,12 +143,12 @@ def _median(values: Floats) -> float | None:
 # The comparison as a recording of curves for `tactilevision diagnose` and `workbench`: of each press the contact's
 # depth in the height map against the sensor's force, and the place of the pressure if the protocol states none.
 # Columns: `picture_fz_N`, its standard deviation and the solver's part of it, `picture_fz_of_thickness` (d ln fz/d
-# ln h, by the inverse step at other thicknesses for some frames of each press) and `picture_cut`. E and nu are
+# ln h, by the inverse step on a thicker gel for some frames of each press) and `picture_cut`. E and nu are
 # those of the forces.
 
 MIN_COUNT = 4  # frames of a curve
-VARIED = 0.1  # of the thickness, to either side
-SOLVED_AGAIN = 48  # frames that are solved again at other thicknesses, one a press at least
+THICKER = 1.1  # times the thickness: on a thinner gel further cells seem to touch
+SOLVED_AGAIN = 48  # frames that are solved again on a thicker gel, one a press at least
 A_PRESS = 3  # of them in a press, at most
 BODY_MM = 1.0  # mm: stands for the size of what touches, which no part of the comparison uses
 UNKNOWN = "contact"  # name of what touches where no press is listed
@@ -179,12 +179,12 @@ def write_comparison(
     if not presses:
         return None
     most = min(A_PRESS, max(1, SOLVED_AGAIN // len(presses)))
-    fields = {1 + side: _on_gel(field, 1 + side) for side in (-VARIED, VARIED)}
+    thicker = _on_gel(field, THICKER)
     curves = []
     for press in presses:
         deep = sorted(seen[press.press], key=lambda row: row.depth_mm)
         chosen = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
-        powers = [_of_thickness(solve(number[row.frame]), fields) for row in chosen]
+        powers = [_of_thickness(solve(number[row.frame]), thicker) for row in chosen]
         of_thickness = np.interp(
             [row.depth_mm for row in seen[press.press]], [row.depth_mm for row in chosen], powers
         )
@@ -209,11 +209,10 @@ def _on_gel(field: ForceField, times: float) -> ForceField:
     return ForceField(gel, material, field.mm_per_px, settings=replace(field.settings, cell_std=False))
 
 
-def _of_thickness(solved: Solved, fields: Mapping[float, ForceField]) -> float:
-    """Return d ln fz/d ln h of a frame; 0 where nothing touches at another thickness."""
-    log_h = np.log(list(fields))
-    force = np.array([field(solved.height, solved.shear).resultant_N[2] for field in fields.values()])
-    return float(np.diff(np.log(force))[0] / np.diff(log_h)[0]) if (force > 0).all() else 0.0
+def _of_thickness(solved: Solved, thicker: ForceField) -> float:
+    """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker gel."""
+    force = [found.resultant_N[2] for found in (thicker(solved.height, solved.shear), solved.found)]
+    return float(np.log(force[0] / force[1]) / np.log(THICKER)) if min(force) > 0 else 0.0
 
 
 def _contacts(recording: Recording, rows: Sequence[FrameForce]) -> tuple[Recording, list[FrameForce]]:

@@ -210,8 +210,8 @@ class ForceField:
         model[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
         if parts == 1:
             model[2] += (SHARE_STD * (weights[2] * by_share @ found.traction[0])) ** 2
+        model[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
         variance[:3] += model
-        variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
         variance[:3] += force_beyond(grid, found, seen, scale=scale, cut=CUT in flags)
         std, fields = np.sqrt(variance), np.zeros((3, grid.shape[0] * grid.shape[1]))
         fields[3 - parts :, found.cells] = found.traction * scale
