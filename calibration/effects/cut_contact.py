@@ -25,7 +25,7 @@ class CutContact(EffectBase):
     title = "the picture shows only a part of the contact"
     acts_on = "resultant"
     stage = Stage.GEOMETRY
-    seen_in = ("x", "y")
+    seen_in = ("x", "y", "azimuth")
     confused_with = ("lateral_boundary",)
     separated_by = ("presses in the middle of the picture",)
     source = "form by judgement"

@@ -143,7 +143,7 @@ def _median(values: Floats) -> float | None:
 # The comparison as a recording of curves for `tactilevision diagnose` and `workbench`: of each press the contact's
 # depth in the height map against the sensor's force, and the place of the pressure if the protocol states none.
 # Columns: `picture_fz_N`, its standard deviation and the solver's part of it, `picture_fz_of_thickness` (d ln fz/d
-# ln h, by the inverse step on a thicker gel for some frames of each press) and `picture_cut`. E and nu are
+# ln h, by the inverse step on a thicker layer for some frames of each press) and `picture_cut`. E and nu are
 # those of the forces.
 
 MIN_COUNT = 4  # frames of a curve
@@ -179,12 +179,12 @@ def write_comparison(
     if not presses:
         return None
     most = min(A_PRESS, max(1, SOLVED_AGAIN // len(presses)))
-    thicker = _on_gel(field, THICKER)
+    layers = [_layer(field, times) for times in (1.0, THICKER)]
     curves = []
     for press in presses:
         deep = sorted(seen[press.press], key=lambda row: row.depth_mm)
         chosen = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
-        powers = [_of_thickness(solve(number[row.frame]), thicker) for row in chosen]
+        powers = [_of_thickness(solve(number[row.frame]), layers) for row in chosen]
         of_thickness = np.interp(
             [row.depth_mm for row in seen[press.press]], [row.depth_mm for row in chosen], powers
         )
@@ -202,17 +202,17 @@ def write_comparison(
     return folder
 
 
-def _on_gel(field: ForceField, times: float) -> ForceField:
-    """Return the same field on a gel `times` as thick, without standard deviations."""
+def _layer(field: ForceField, times: float) -> ForceField:
+    """Return the same field on a layer `times` as thick, without deviations, and without sides: they take long."""
     gel = replace(field.gel, thickness_mm=times * field.gel.thickness_mm)
-    material = replace(field.material, covariance=None)
-    return ForceField(gel, material, field.mm_per_px, settings=replace(field.settings, cell_std=False))
+    settings = replace(field.settings, cell_std=False, sides=False)
+    return ForceField(gel, replace(field.material, covariance=None), field.mm_per_px, settings=settings)
 
 
-def _of_thickness(solved: Solved, thicker: ForceField) -> float:
-    """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker gel."""
-    force = [found.resultant_N[2] for found in (thicker(solved.height, solved.shear), solved.found)]
-    return float(np.log(force[0] / force[1]) / np.log(THICKER)) if min(force) > 0 else 0.0
+def _of_thickness(solved: Solved, layers: Sequence[ForceField]) -> float:
+    """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker layer."""
+    force = [field(solved.height, solved.shear).resultant_N[2] for field in layers]
+    return float(np.log(force[1] / force[0]) / np.log(THICKER)) if min(force) > 0 else 0.0
 
 
 def _contacts(recording: Recording, rows: Sequence[FrameForce]) -> tuple[Recording, list[FrameForce]]:
