@@ -9,13 +9,9 @@ they are sold). Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State, amplitude
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
-
-GAIN_STD = 0.01  # std of a force sensor's gain, as sold
 
 
 class ForceGain(EffectBase):
@@ -30,6 +26,7 @@ class ForceGain(EffectBase):
     source = "definition"
     order = 40
     largest = 0.02
+    std_at_known_E = 0.01
     check = ManualCheck("put a dead weight on the force sensor", 5, 0.003)
     parameters = (amplitude("gain", "1", 0.2, "relative error of the force", 0.02),)
 
@@ -37,12 +34,6 @@ class ForceGain(EffectBase):
         """Return why these data cannot show it; empty where E is known."""
         alone = "a factor on the force is E exactly; a dead weight would show it"
         return alone if data.resultants is None else ""
-
-    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """Return the gain, with its prior where E is known."""
-        (gain,) = self.parameters
-        prior = Prior(0.0, GAIN_STD, "force sensors as they are sold: a judgement")
-        return (gain if data.resultants is None else replace(gain, prior=prior),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force scaled."""

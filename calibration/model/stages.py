@@ -16,6 +16,7 @@ state unchanged.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, nan
@@ -182,7 +183,7 @@ class EffectBase:
     depth, "resultant" for an error of forces that were computed from pictures; "": either. `instead_of_beta`: its
     rank, from 1, among the explanations of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to
     the observations once the effect is added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed
-    starts of a fit, a row each.
+    starts of a fit, a row each. `std_at_known_E`: the prior's std of a factor on E where E is known; None: no prior.
     """
 
     key: ClassVar[str] = ""
@@ -206,6 +207,7 @@ class EffectBase:
     instead_of_beta: ClassVar[int] = 0
     treatment: ClassVar[str] = ""
     start_values: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    std_at_known_E: ClassVar[float | None] = None
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and vars(other) == vars(self)
@@ -220,7 +222,11 @@ class EffectBase:
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """Return the parameters with what is known of them on these data."""
-        return self.parameters
+        first, *others = self.parameters or (None,)
+        if first is None or self.std_at_known_E is None or data.resultants is None:
+            return self.parameters
+        prior = Prior(first.default, self.std_at_known_E, f"{self.title}: a judgement")
+        return (replace(first, prior=prior), *others)
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the effect; empty where they can."""
@@ -265,7 +271,11 @@ class EffectBase:
 
     def freed(self) -> Effect:
         """Return the effect without a prior on its size."""
-        return self
+        if self.std_at_known_E is None:
+            return self
+        free = copy(self)
+        vars(free)["std_at_known_E"] = None
+        return free
 
     def richer(self) -> Effect | None:
         """Return the effect with one more term; None where there is none."""

@@ -239,12 +239,10 @@ def of_round(fitted: Fit) -> CalibrationResult:
 
 def of_resultants(fitted: Fit) -> CalibrationResult:
     """Return E by the readings next to resultants of pictures, at the calibration's nu, with its change."""
-    places, effects = fitted.model.slices_of(fitted.values.size), fitted.model.effects
     scale = 1 / (1 - float(fitted.values[1]) ** 2)
 
     def moduli(values: Floats) -> tuple[float, float]:
-        modulus = float(values[0]) * float(np.prod([e.of_modulus(values[places[e.key]]) for e in effects]))
-        return modulus, scale * modulus
+        return fitted.model.modulus(values), scale * fitted.model.modulus(values)
 
     modulus, reduced = derived(fitted, moduli, ("MPa", "MPa"))
     covariance = np.zeros((4, 4))

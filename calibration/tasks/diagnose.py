@@ -69,14 +69,14 @@ def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[
         base, turn = searched.base, searched.rounds[0]
         found = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted < LEVEL]
     else:
-        factors += [c.values[0] / equals[0].values[0] for equals in force.sets for c in equals[1:]]
+        factors += [c.modulus_MPa / equals[0].modulus_MPa for equals in force.sets for c in equals[1:]]
         base, turn = searched.current, searched.rounds[-1]
         found = [
             c for c in turn.candidates
             if turn.scored[c.effect.key].p_adjusted < LEVEL and refit.inside(c) and c.cost < base.chi2
             and c.model.without(c.effect.key).keys == base.model.keys
         ]  # fmt: skip
-    factors += [c.values[0] / base.values[0] for c in found]
+    factors += [c.modulus_MPa / base.model.modulus(base.values) for c in found]
     said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
     return _widened(after, factors, said)
 

@@ -60,8 +60,6 @@ def test_clean_forces_have_nothing_significant() -> None:
         ("clock_offset", Truth(clock_s=0.06), 0.06, 0.01),
         ("modulus_change", Truth(modulus=0.85), -0.15, 0.05),
         ("thickness", Truth(thickness=1.2), 0.2, 0.06),
-        ("viscoelasticity", Truth(relaxes=0.15), 0.15, 0.05),
-        ("photometric_gain", Truth(map_gain=-0.2), -0.2, 0.06),
     ],
 )
 def test_a_planted_fault_is_significant_and_adding_it_lowers_the_error(
@@ -76,7 +74,7 @@ def test_a_planted_fault_is_significant_and_adding_it_lowers_the_error(
     first = f"{key}.{effect.parameters[0].name}"
     assert dict(added[-1].parameters)[first].value == pytest.approx(value, abs=tolerance)
     assert added[-1].fitted.chi2 < added[0].fitted.chi2 - 6
-    if key in ("clock_offset", "viscoelasticity"):  # E takes up most of the others, at its prior's cost
+    if key == "clock_offset":  # E takes up most of the others, at its prior's cost
         assert added[-1].held_out_N < 0.8 * added[0].held_out_N
 
 
@@ -137,7 +135,8 @@ def test_the_share_of_an_outline_on_the_border_is_that_of_the_contact() -> None:
 def test_the_sample_gives_what_is_hidden_in_it() -> None:
     recording = read_recording(SAMPLE)
     found = diagnose(observe_curves(Measured(recording, curves=recording.curves)), np.random.default_rng(0))
-    assert {"clock_offset", "modulus_change"} <= set(found.candidates)
+    assert found.verdict == "AMBIGUOUS", "a height map off by a factor has the same form as another E"
+    assert {"clock_offset", "modulus_change", "photometric_gain"} <= set(found.candidates)
     assert found.errors.held_out_N[-1] < 0.75 * found.errors.held_out_N[0]
     low, high = found.material.after.youngs_modulus.interval95 or (0, 0)
     assert low < 0.88 * MATERIAL.youngs_modulus_MPa < high
