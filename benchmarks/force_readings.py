@@ -37,6 +37,7 @@ FRAMES_A_SECOND = 6.0  # of the camera
 HOLD_S = 1.5  # at the deepest point
 LEVELS = 4  # forces of a press at which maps are made
 LEAST_SHARE = 0.03  # of the deepest force: below it nothing is seen to touch
+BEYOND_PX = 24  # of gel beyond each border of the view, where a contact is cut by it
 PIXEL_MM = 0.004  # std of a pixel's depth, as stated
 
 
@@ -91,8 +92,11 @@ PROTOCOL = tuple(
 @cache
 def moved(kind: Kind, thickness_mm: float, grows: bool) -> Floats:
     """Displacement (LEVELS, 3, H, W) in mm by forces that rise evenly to the deepest one."""
-    forward = Forward(VIEW, replace(GEL, thickness_mm=thickness_mm), replace(MATERIAL, youngs_modulus_MPa=1.0))
-    x, y = VIEW.mesh()
+    inside = bool((np.abs(kind.place_mm) + kind.radius_mm < np.array(VIEW.size_mm) / 2).all())
+    more = 0 if inside else BEYOND_PX
+    view = replace(VIEW, shape=(VIEW.shape[0] + 2 * more, VIEW.shape[1] + 2 * more))
+    forward = Forward(view, replace(GEL, thickness_mm=thickness_mm), replace(MATERIAL, youngs_modulus_MPa=1.0))
+    x, y = view.mesh()
     square, fields = (x - kind.place_mm[0]) ** 2 + (y - kind.place_mm[1]) ** 2, list[Floats]()
     for share in np.arange(1, LEVELS + 1) / LEVELS:
         if fields and not grows:
@@ -101,7 +105,8 @@ def moved(kind: Kind, thickness_mm: float, grows: bool) -> Floats:
         radius = kind.radius_mm * (share ** (1 / 3) if grows else 1.0)
         shape = np.sqrt(np.clip(1 - square / radius**2, 0, None))
         shape *= share * kind.force_over_E / (shape.sum() * (VIEW.mm_per_px / VIEW.fine) ** 2)
-        fields.append(forward(np.stack([0 * shape, 0 * shape, shape])))
+        whole = forward(np.stack([0 * shape, 0 * shape, shape]))
+        fields.append(whole[:, more : more + VIEW.shape[0], more : more + VIEW.shape[1]])
     return np.stack(fields)
 
 

@@ -183,7 +183,7 @@ class EffectBase:
     depth, "resultant" for an error of forces that were computed from pictures; "": either. `instead_of_beta`: its
     rank, from 1, among the explanations of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to
     the observations once the effect is added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed
-    starts of a fit, a row each. `std_at_known_E`: the prior's std of a factor on E where E is known; None: no prior.
+    starts of a fit, a row each. `std_at_known_E`: the prior's std of a factor on E where E is known; None: none.
     """
 
     key: ClassVar[str] = ""

@@ -22,7 +22,7 @@ from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
-from calibration.tasks.compare import plain_law, with_effect
+from calibration.tasks.compare import plain_law, rms_of_presses, with_effect
 from calibration.tasks.diagnose import diagnose
 from tactilevision.force.comparison import write_comparison
 from tactilevision.force.field import CUT, ForceField
@@ -35,13 +35,19 @@ from tactilevision.records.rig import Sensor
 FEW = tuple(
     replace(kind, place_mm=PROTOCOL[k % 3].place_mm) for k, kind in enumerate(PROTOCOL) if kind.radius_mm > 1
 )
+# of each radius one in the middle and one whose third lies beyond the border of the picture
+CUT_TOO = tuple(
+    replace(kind, place_mm=(10.26 - 0.4 * kind.radius_mm, 0.0) if k % 2 else kind.place_mm)
+    for k, kind in enumerate(FEW)
+)
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "hidden_force"
 
 
 @cache
-def seen(truth: Truth = Truth()) -> Observations:  # noqa: B008 - frozen
+def seen(truth: Truth = Truth(), *, cut: bool = False) -> Observations:  # noqa: B008 - frozen
     with TemporaryDirectory() as folder:
-        recording = read_recording(make(Path(folder) / "made", truth, protocol=FEW, seed=3))
+        made = make(Path(folder) / "made", truth, protocol=CUT_TOO if cut else FEW, seed=3)
+        recording = read_recording(made)
         return observe_curves(Measured(recording, curves=recording.curves))
 
 
@@ -76,6 +82,18 @@ def test_a_planted_fault_is_significant_and_adding_it_lowers_the_error(
     assert added[-1].fitted.chi2 < added[0].fitted.chi2 - 6
     if key == "clock_offset":  # E takes up most of the others, at its prior's cost
         assert added[-1].held_out_N < 0.8 * added[0].held_out_N
+
+
+def test_force_beyond_the_border_is_named_and_its_presses_get_nearer() -> None:
+    data = seen(cut=True)
+    found = plain_law(data)
+    beyond = data.resultants is not None and data.resultants.cut[data.first] > 0
+    tested = score_test(found.models[0].fitted, [EFFECTS["cut_contact"]], rng=np.random.default_rng(0), draws=99)
+    assert tested.effects[0].p_adjusted < 0.05
+    before, after = (
+        rms_of_presses(one.fitted)[beyond].max() for one in with_effect(found, EFFECTS["cut_contact"]).models
+    )
+    assert after < 0.5 * before
 
 
 def test_thickness_by_its_slope_is_the_inverse_step_at_another_thickness() -> None:
