@@ -29,6 +29,7 @@ from calibration.inputs.checks import at_one_depth
 from calibration.laws import FLAT, shape_of, theory
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.paper import A_OVER_H, Paper, modulus_at, modulus_from, poisson_from_beta
+from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
 from calibration.result.poisson_routes import CONTRARY, contradictions, holding_each, of_fit
 from calibration.result.result import CalibrationResult, common_assumptions
@@ -320,7 +321,7 @@ def material_by_routes(fitted: Fit) -> CalibrationResult:
 
 def determine_material(fitted: Fit) -> CalibrationResult:
     """Return the material of a fit of any law in the catalogue."""
-    if fitted.data.resultants is not None:
+    if isinstance(fitted.model.law, Resultant):
         found = of_resultants(fitted)
     elif shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)

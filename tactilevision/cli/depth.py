@@ -199,8 +199,8 @@ def force(
         offset_s = None if calibration is None else read_clock_offset(calibration)
         how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
         rows = force_folder(recording, job, progress=progress, **how)
-    content, beside = _say_forces(recording, job, rows, out, most=pictures)
-    content["diagnosis"] = _diagnose(beside, out / "diagnosis") if diagnosis and beside is not None else None
+    content, written = _say_forces(recording, job, rows, out, most=pictures)
+    content["diagnosis"] = _diagnose(written, out / "diagnosis") if diagnosis and written is not None else None
     console.hand_over(content | {"material": material.as_json()}, json)
 
 
@@ -215,7 +215,7 @@ def _say_forces(
     _say_shear(shear)
     measured = _say_residuals(compared, has_offset=not recording.presses)
     sensitivity = _figures(recording, job, rows, out / "figures", compared=compared, most=most)
-    beside = _beside(recording, job, rows, out, sensitivity) if compared is not None else None
+    written = _against_sensor(recording, job, rows, out, sensitivity) if compared is not None else None
     content = {
         "frames": len(rows),
         "read": len(read),
@@ -225,10 +225,10 @@ def _say_forces(
         "measured": measured,
         "sensitivity": sensitivity,
     }
-    return content, beside
+    return content, written
 
 
-def _beside(
+def _against_sensor(
     recording: Recording,
     job: ForceJob,
     rows: tuple[FrameForce, ...],

@@ -28,7 +28,7 @@ from tactilevision.records.measured import Floats
 
 EVERY = [EFFECTS[key] for key in CATALOGUE]
 UNSEEN = ("force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")  # by force alone
-CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN]
+CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN and effect.acts_on != "resultant"]
 LONG = ("edge_fillet", "tilt", "adhesion")  # fits of some seconds
 
 
