@@ -262,7 +262,8 @@ def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
         console.say(f"  the difference from the force sensor is not diagnosed: {fault}")
         return None
     console.say(*(f"  {line}" for line in resultant_sentences(found)))
-    console.say(*(f"  to add it: {text}" for text in commands))
+    words = "to add it" if found.effects else "to try"
+    console.say(*(f"  {words}: {text}" for text in commands))
     console.say(f"  its figures are in {out / 'report.html'}; to look further: tactilevision workbench {written}")
     return content
 

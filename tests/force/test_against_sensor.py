@@ -22,6 +22,7 @@ from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
+from calibration.report.diagnosis_report import resultant_sentences
 from calibration.tasks.compare import plain_law, rms_of_presses, with_effect
 from calibration.tasks.diagnose import diagnose
 from tactilevision.force.comparison import write_comparison
@@ -156,5 +157,9 @@ def test_the_sample_gives_what_is_hidden_in_it() -> None:
     assert found.verdict == "AMBIGUOUS", "a height map off by a factor has the same form as another E"
     assert {"clock_offset", "modulus_change", "photometric_gain"} <= set(found.candidates)
     assert found.errors.held_out_N[-1] < 0.75 * found.errors.held_out_N[0]
+    first, verdict, *_ = resultant_sentences(found)
+    assert "mN rms" in first
+    assert "loading or unloading" in first
+    assert verdict.startswith("AMBIGUOUS")
     low, high = found.material.after.youngs_modulus.interval95 or (0, 0)
     assert low < 0.88 * MATERIAL.youngs_modulus_MPa < high
