@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from calibration.report.figures import FigureFolder, of_fit, of_history, of_pres
 from calibration.report.report import calibration_page, comparison_page
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
-from calibration.tasks.compare import Comparison
+from calibration.tasks.compare import Comparison, as_comparison
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.errors import InputError
@@ -28,7 +29,9 @@ from tactilevision.pipeline import (
     Calibrated,
     CertifiedRecording,
     Listener,
+    certify_recordings,
     compare_recordings,
+    diagnose_recording,
     height_residuals,
 )
 from tactilevision.plots import style
@@ -197,6 +200,42 @@ def write_diagnosis(
             )
         write_text(folder.path / "report.html", page)
     return content
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How a diagnosis is done: private effects and known ones, their files by key, and by whom until when."""
+
+    private: Sequence[Effect] = ()
+    known: Sequence[Effect] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    deadline: Deadline = NEVER
+    workers: int | None = 1
+    cluster: str | None = None
+
+
+def diagnose_as(
+    asked: History, how: Search, *, out: Path, form: str = "png", listener: Listener
+) -> tuple[Diagnosis, dict[str, Any], list[str]]:
+    """Diagnose a history's recordings into `out`; return the diagnosis, what was written, and commands to try."""
+    taken = certify_recordings(asked.recordings, scale_doubt=False, cluster=how.cluster, listener=listener)
+    found = diagnose_recording(
+        taken, effects=how.private, known=how.known, prior=asked.prior, seed=asked.seed, deadline=how.deadline,
+        workers=how.workers, cluster=how.cluster, listener=listener,
+    )  # fmt: skip
+    steps = [Step(one.key, how.files.get(one.key, "")) for one in how.known]
+    history = history_of(asked, [*steps, *steps_of_comparison(as_comparison(found), how.files)])
+    commands = commands_after_diagnosis(found, asked, how.files)
+    content = write_diagnosis(
+        found, taken, history, out=out, form=form, private=how.private, commands=commands, listener=listener
+    )
+    return found, content, commands
+
+
+def history_of(asked: History, steps: Sequence[Step]) -> History:
+    """Return the history of these steps, which names its recordings wherever it is read."""
+    paths = tuple(str(Path(name).resolve()) for name in asked.recordings)
+    return reduce(History.add, steps, replace(asked, recordings=paths))
 
 
 def commands_after_diagnosis(found: Diagnosis, base: History, files: Mapping[str, str]) -> list[str]:

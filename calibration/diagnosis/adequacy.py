@@ -24,7 +24,7 @@ from calibration.diagnosis.forward_selection import Round, Searched, forward_sel
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate
 from calibration.diagnosis.sensitivity import average_models
 from calibration.diagnosis.unexplained import remainders
-from calibration.effects import EFFECTS
+from calibration.effects import effects_for
 from calibration.fit.identifiability import holding, identify
 from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.outlying_presses import OutlyingPresses
@@ -44,7 +44,7 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     """
     if fitted.data.size <= np.count_nonzero(fitted.free):  # nothing is left to test
         return result
-    catalogue = [effect.freed() for effect in EFFECTS.values()]  # what was stated of them is in doubt
+    catalogue = [effect.freed() for effect in effects_for(fitted.data)]  # what was stated of them is in doubt
     try:
         rng = np.random.default_rng(SEED)
         searched = forward_selection(fitted, catalogue, rng=rng, level=LEVEL, of_rig=True, quick=True)
@@ -109,7 +109,7 @@ def _over_suspects(
         factors += [1 + off for size in offs for off in (size, -size)]
     for own in fits:
         E = holding(E, identify(own).youngs_modulus.interval95)
-    averaged, _ = average_models(result.youngs_modulus, start, effects=list(EFFECTS.values()))
+    averaged, _ = average_models(result.youngs_modulus, start, effects=effects_for(start.data))
     return widened(replace(result, youngs_modulus=holding(E, averaged.interval95)), factors)
 
 

@@ -67,7 +67,12 @@ def measure_next(base: Fit, one: Candidate, *, rivals: Sequence[Candidate]) -> t
 
 
 def actions(data: Observations) -> tuple[tuple[str, float, list[dict[str, Any]]], ...]:
-    """Return the actions that this rig allows: words, minutes, and the kinds of presses (see `_presses`)."""
+    """Return the actions that this rig allows: words, minutes, and the kinds of presses (see `_presses`).
+
+    None for resultants of pictures, which are known for contacts that were seen alone.
+    """
+    if data.resultants is not None:
+        return ()
     radius = float(np.median(data.presses.radius_mm))
     speeds = data.presses.speed_mm_s[np.isfinite(data.presses.speed_mm_s)]
     speed = float(np.median(speeds)) if speeds.size else USUAL_SPEED_MM_S

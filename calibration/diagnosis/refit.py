@@ -53,6 +53,11 @@ class Candidate:
         return self.chi2 + 2 * len(self.effect.parameters) + 2 * float(np.log(self.effect.searched))
 
     @property
+    def modulus_MPa(self) -> float:
+        """E with the effect."""
+        return self.model.modulus(self.values)
+
+    @property
     def own_values(self) -> Floats:
         """The effect's own parameters."""
         return self.values[self.model.slices_of(self.values.size)[self.effect.key]]

@@ -236,7 +236,7 @@ def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str,
         if effect.key in fitted.model.keys:
             continue
         try:
-            why = effect.missing(data)
+            why = effect.unfit(data) or effect.missing(data)
             if not why:
                 changes = [added_force(fitted, effect, start, data) for start in effect.starts(data)]
                 tables[effect.key] = np.column_stack(changes)

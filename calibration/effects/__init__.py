@@ -10,25 +10,18 @@ from importlib import import_module
 from types import MappingProxyType
 
 from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
 # key and file of each effect; its class has the same name in capitals
 CATALOGUE = (
-    *(
-        "depth_quantisation",
-        "depth_zero",
-        "bevel_rise",
-        "force_bias",
-        "force_drift",
-        "zero_creep",
-        "force_hysteresis",
-        "force_travel",
-    ),
-    *("force_jump", "force_gain", "gain_drift", "sensor_creep", "force_crosstalk", "clock_offset", "backlash"),
-    *("screw_error", "slip_stick", "clock_rate", "force_filter", "tilt", "edge_fillet", "backing_compliance"),
-    *("lateral_boundary", "soft_zone", "thickness", "thickness_wedge", "skin", "friction", "adhesion"),
-    *("viscoelasticity", "poroelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("depth_quantisation", "depth_zero", "bevel_rise", "force_bias", "force_drift", "zero_creep"),
+    *("force_hysteresis", "force_travel", "force_jump", "force_gain", "gain_drift", "sensor_creep"),
+    *("force_crosstalk", "clock_offset", "backlash", "screw_error", "slip_stick", "clock_rate", "force_filter"),
+    *("tilt", "edge_fillet", "backing_compliance", "lateral_boundary", "soft_zone", "cut_contact", "thickness"),
+    *("thickness_wedge", "skin", "friction", "adhesion", "viscoelasticity", "poroelasticity", "recovery"),
+    *("mullins", "stiffening", "ageing", "modulus_change", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
 
@@ -40,6 +33,11 @@ def _effect(key: str) -> Effect:
 
 
 EFFECTS: Mapping[str, Effect] = MappingProxyType({key: _effect(key) for key in CATALOGUE})
+
+
+def effects_for(data: Observations) -> tuple[Effect, ...]:
+    """Return the catalogue for these data; effects on resultants of pictures only where there are any."""
+    return tuple(e for e in EFFECTS.values() if e.acts_on != "resultant" or data.resultants is not None)
 
 
 def get_effect(key: str) -> Effect:

@@ -38,6 +38,7 @@ class Adhesion(EffectBase):
 
     key = "adhesion"
     title = "the gel clings to the punch"
+    acts_on = "punch"
     stage = Stage.HISTORY
     seen_in = ("load/unload",)
     confused_with = ("force_bias", "depth_zero")

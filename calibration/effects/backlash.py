@@ -24,6 +24,7 @@ class Backlash(EffectBase):
     separated_by = ("a dial gauge on the punch", "steps down and up with waits")
     source = "definition"
     order = 61
+    acts_on = "punch"
     largest = 0.1
     check = ManualCheck("go down and up past a dial gauge: do both ways read the same?", 5, 0.002)
     parameters = (amplitude("size_mm", "mm", 0.2, "lost motion on the way back", 0.01),)

@@ -26,6 +26,7 @@ class DepthQuantisation(EffectBase):
     separated_by = ("a depth that is read more finely",)
     source = "definition"
     order = 5
+    acts_on = "punch"
     check = ManualCheck("read the depth with more digits, or from an encoder", 10)
     parameters = (Parameter("share", "1", 0.0, (0, 1), "share of the rounding that is corrected", 0.5),)
     start_values = ((1.0,),)

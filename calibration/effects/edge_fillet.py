@@ -24,6 +24,7 @@ class EdgeFillet(EffectBase):
 
     key = "edge_fillet"
     title = "the edge of the punch is rounded"
+    acts_on = "punch"
     stage = Stage.GEOMETRY
     seen_in = ("w",)
     confused_with = ("tilt", "stiffening", "thickness")

@@ -29,6 +29,7 @@ class Friction(EffectBase):
 
     key = "friction"
     title = "the gel sticks to the punch"
+    acts_on = "punch"
     stage = Stage.MATERIAL
     seen_in = ("a",)
     confused_with = ("youngs_modulus", "beta")

@@ -26,8 +26,11 @@ class Pictured(EffectBase):
         raise NotImplementedError(f"{type(self).__name__} does not change the reconstructed depth")
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with the true depth of one that is read in proportion."""
-        return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))
+        """Return the state with the true depth of one that is read in proportion, or the force of a whole map."""
+        share = self.seen(np.ones(data.size), values, data)
+        if data.resultants is not None:  # the inverse step is linear in the map
+            return state.times(factor=1 / share)
+        return replace(state, depth_mm=state.depth_mm / share)
 
     def unseen(self, data: Observations) -> str:
         """Return why the picture of certified depths cannot show the effect; empty where it can."""

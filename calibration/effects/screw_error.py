@@ -33,6 +33,7 @@ class ScrewError(EffectBase):
     separated_by = ("a dial gauge along the travel", "presses that begin at another height of the screw")
     source = "definition"
     order = 62
+    acts_on = "punch"
     largest = 0.03
     searched = PERIODS * PHASES
     check = ManualCheck("compare the stage with a dial gauge along its travel", 10, 0.002)

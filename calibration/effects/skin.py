@@ -23,6 +23,7 @@ class Skin(EffectBase):
 
     key = "skin"
     title = "the gel carries a stiffer skin"
+    acts_on = "punch"
     stage = Stage.GEOMETRY
     seen_in = ("a",)
     confused_with = ("thickness",)

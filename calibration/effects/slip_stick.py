@@ -36,6 +36,7 @@ class SlipStick(EffectBase):
     separated_by = ("a dial gauge on the punch", "another speed")
     source = "Bowden and Leben, Proc. R. Soc. A 169 (1939) 371"
     order = 62.5
+    acts_on = "punch"
     largest = 0.05
     searched = LENGTHS
     check = ManualCheck("follow the punch with a dial gauge along its travel: does it move evenly?", 10, 0.002)

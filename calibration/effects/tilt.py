@@ -31,6 +31,7 @@ class Tilt(EffectBase):
 
     key = "tilt"
     title = "the punch is tilted"
+    acts_on = "punch"
     stage = Stage.DEPTH
     seen_in = ("w", "azimuth", "Fx", "Fy")
     confused_with = ("depth_zero", "edge_fillet")

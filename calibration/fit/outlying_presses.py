@@ -63,7 +63,8 @@ def outlying_presses(fitted: Fit, *, wanders: Sequence[tuple[str, float]] = ()) 
     """Return the outlying presses of a fit, none of fewer than eight; `wanders` is passed on."""
     data, noise = fitted.data, fitted.noise
     separate = data.is_curves or noise.stated  # else gain and zero include the readings' noise
-    scattered = separate and max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
+    beyond = max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
+    scattered = separate and beyond and fitted.data.resultants is None  # maps of contacts differ by more
     if data.count < MIN_COUNT:
         return OutlyingPresses(scattered=scattered)
     size, far, dof = _outlying(fitted)

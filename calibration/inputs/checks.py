@@ -152,7 +152,7 @@ def _gel(data: Observations) -> Iterator[InputError]:
 
 def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[InputError]:
     where, radius = f"[indenter.{indenter.name}]", indenter.radius_mm
-    if indenter.shape != shape:
+    if shape and indenter.shape != shape:
         yield InputError(
             f"this law is for a {shape}",
             where=where,
@@ -280,8 +280,9 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
     Phases that were not recorded are taken from the depth. Warnings name what is excluded and what is missing.
     Raises InputError where nothing can be fitted.
     """
-    kept = of_several_depths(without_copies(of_shape(data, shape)))
-    check(kept, shape=shape)
+    any_shape = data.resultants is not None  # the picture shows the contact's shape
+    kept = without_copies(data) if any_shape else of_several_depths(without_copies(of_shape(data, shape)))
+    check(kept, shape="" if any_shape else shape, one_depth=any_shape)
     check_times(kept)
     return replace(kept, phase=np.array(BRANCHES)[branches(kept)]).warned(*lacks(kept))
 

@@ -105,6 +105,8 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
             ("slope", "mm/mm", data.slopes.slope, True),
             ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True),
         ]
+    if data.resultants is not None:
+        table.append(("outline cut", "1", data.resultants.cut, True))
     found = []
     for name, unit, values, of_press in table:
         filled = _filled(np.asarray(values, dtype=float))

@@ -20,6 +20,7 @@ from calibration.inputs.observations import (
     Measured,
     Observations,
     Presses,
+    Resultants,
     Shared,
     as_sets,
     stand_still,
@@ -29,6 +30,7 @@ from calibration.inputs.wild_samples import without_wild
 from tactilevision.errors import InputError
 from tactilevision.recording.layout import CURVES, POINTS, some
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Gel, Indenter, Press
 
@@ -36,6 +38,11 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 NAN = float("nan")
+# columns that `force` adds to curves
+OF_PICTURE = ("picture_fz_N", "picture_fz_model_std_N", "picture_fz_of_thickness", "picture_cut")
+MOST_STD = 0.1  # largest relative std of the inverse step: near the touch a contact has a few cells
+POWERS = (1.0, 2.0)  # of the depth in a contact's force: from a flat face to a cone
+LEAST_RANGE = 0.2  # of ln w in a press, from which its own slope of ln R is taken
 
 
 def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: Recording) -> float:
@@ -227,7 +234,11 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             found = curve.extra.get(name)
             return np.full(curve.time_s.size, otherwise) if found is None else np.asarray(found, dtype=float)
 
-        arrays = {
+        whole = {name: recorded(name, NAN) for name in OF_PICTURE}
+        of_picture = bool(np.isfinite([*whole.values()]).all())
+        if of_picture:  # its own errors are larger than the sensors'
+            recording = replace(recording, depth_std_mm=None, force_std_N=None)
+        arrays: dict[str, Any] = {
             "time_s": curve.time_s,
             "depth_mm": curve.depth_mm,
             "force_N": np.nan_to_num(curve.force_N),
@@ -238,7 +249,21 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             "reconstructed_mm": recorded("reconstructed_depth_mm", NAN),
             "reconstructed_std_mm": recorded("", NAN),
         }
+        if of_picture:
+            arrays["resultants"] = _resultants(whole, curve.depth_mm)
         yield _Touch(recording, number, row, arrays)
+
+
+def _resultants(columns: Mapping[str, Floats], depth_mm: Floats) -> Resultants:
+    """Return the resultants (N,) of one press's pictures, with the slope of ln R over ln w through all of them."""
+    force, inside = columns["picture_fz_N"], (depth_mm > 0) & (columns["picture_fz_N"] > 0)
+    w, R = np.log(np.where(inside, depth_mm, 1.0)), np.log(np.where(inside, force, 1.0))
+    off = np.where(inside, w - np.mean(w, where=inside), 0.0) if inside.any() else np.zeros(w.size)
+    slope = float(off @ R / max(off @ off, TINY))
+    known = np.ptp(w[inside]) > LEAST_RANGE if inside.any() else False
+    power = np.full(force.size, np.clip(slope, *POWERS) if known else 1.0)
+    std = np.minimum(columns["picture_fz_model_std_N"] / np.maximum(force, TINY), MOST_STD)
+    return Resultants(force, std, depth_mm, power, columns["picture_fz_of_thickness"], columns["picture_cut"])
 
 
 def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:
@@ -256,6 +281,13 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         return np.concatenate([t.arrays[name] for t in touches])
 
     seen, seen_std = joined("reconstructed_mm"), joined("reconstructed_std_mm")
+    of_picture = [t.arrays["resultants"] for t in touches if "resultants" in t.arrays]
+    if 0 < len(of_picture) < len(touches):
+        raise InputError(
+            "some presses have resultants of pictures and others have none",
+            where=touches[0].recording.name,
+            remedy="Name recordings of one kind: what `force` wrote, or depth and force.",
+        )
     return Observations(
         gel=gel,
         indenters=tuple(indenters),
@@ -267,6 +299,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         falls=tuple(fall for t in touches for fall in t.falls),
+        resultants=Resultants.joined(of_picture) if of_picture else None,
         recordings=tuple(m.recording.name for m in sets),
         shared=shared_errors(sets),
     )

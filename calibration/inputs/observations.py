@@ -119,6 +119,32 @@ class Slopes:
         return Slopes(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
+@dataclass(frozen=True, slots=True)
+class Resultants:
+    """Normal forces that the inverse step computed from pictures, (N,) each.
+
+    `force_N` at the gel's stated E and thickness and at `depth_mm`; `of_depth` and `of_thickness` its logarithmic
+    derivatives; `cut` the share of the contact's outline on the picture's border; `std` the relative std of
+    the solver alone.
+    """
+
+    force_N: Floats
+    std: Floats
+    depth_mm: Floats
+    of_depth: Floats
+    of_thickness: Floats
+    cut: Floats
+
+    def take(self, rows: Ints) -> Resultants:
+        """Return those of some samples."""
+        return Resultants(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Resultants]) -> Resultants:
+        """Return those of several presses, one after the other."""
+        return cls(**{f.name: np.concatenate([getattr(one, f.name) for one in parts]) for f in fields(cls)})
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
     """All samples of all presses: `press` (N,) the press's index, the other arrays (N,), `force_N` (N, 3).
@@ -127,10 +153,11 @@ class Observations:
     contiguous and ordered in time. `phase`: "free", "load", "hold", "unload" or "". `depth_std_mm`, `force_std_N`:
     one sample's own noise, NaN where not stated, without the errors shared by an indenter's presses (in
     `indenters`). `reconstructed_mm`: the height map's depth where another is certified, with its std. `falls`: its
-    surface outside the contact; `slopes`: where samples are slopes. `depth_over_force_noise`: a depth's std over a
-    force's, mm/N, estimated where neither was stated. `off_mm` (N,) or 0: the depth at which the law is evaluated
-    less the one read, which effects of history use. `rounded_mm` (N,): the depths less their course in time where
-    they are read in steps. Compared by identity, so that derived tables can be cached.
+    surface outside the contact; `slopes`: where samples are slopes; `resultants`: where the force of each sample
+    was computed from its picture as well. `depth_over_force_noise`: a depth's std over a force's, mm/N, estimated
+    where neither was stated. `off_mm` (N,) or 0: the depth at which the law is evaluated less the one read, which
+    effects of history use. `rounded_mm` (N,): the depths less their course in time where they are read in steps.
+    Compared by identity, so that derived tables can be cached.
     """
 
     gel: Gel
@@ -149,6 +176,7 @@ class Observations:
     reconstructed_std_mm: Floats | None = None
     falls: tuple[EdgeDrop, ...] = ()
     slopes: Slopes | None = None
+    resultants: Resultants | None = None
     depth_over_force_noise: float = 0.0
     off_mm: Floats | float = 0.0
     rounded_mm: Floats | float = 0.0
@@ -247,8 +275,9 @@ class Observations:
         arrays: dict[str, Any] = {
             name: array[rows] for name, array in given.items() if isinstance(array, np.ndarray)
         }
-        if self.slopes is not None:
-            arrays["slopes"] = self.slopes.take(rows)
+        for name in ("slopes", "resultants"):
+            given_too = getattr(self, name)
+            arrays |= {} if given_too is None else {name: given_too.take(rows)}
         return replace(self, press=press, presses=presses, **arrays)
 
 
@@ -334,5 +363,5 @@ def join(*sets: Observations) -> Observations:
     samples: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in sets]) for name in OF_SAMPLES}
     return replace(
         sets[0], indenters=indenters, presses=presses, press=press,
-        reconstructed_mm=None, reconstructed_std_mm=None, falls=(), slopes=None, **samples,
+        reconstructed_mm=None, reconstructed_std_mm=None, falls=(), slopes=None, resultants=None, **samples,
     )  # fmt: skip

@@ -79,6 +79,11 @@ class Model:
         """Return the predicted normal force (N,), N; `values` in the order of `parameters`."""
         return self.state(values, data).force_N
 
+    def modulus(self, values: Floats) -> float:
+        """Return E in MPa at these values (p,): the law's first parameter, times what effects change of E."""
+        places = self.slices_of(values.size)
+        return float(values[0] * np.prod([e.of_modulus(values[places[e.key]]) for e in self.effects]))
+
     def state(self, values: Floats, data: Observations) -> State:
         """Return the state after the last stage."""
         if not any(e.reads_force for e in self.effects):

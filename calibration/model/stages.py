@@ -16,10 +16,11 @@ state unchanged.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, nan
-from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -179,10 +180,12 @@ class EffectBase:
     exceeds, from where the effect vanishes (a judgement); None: its bounds. `typical`: its size where the data do
     not show it; None: the parameter's scale. `check`: what a person can do. `depth_source`: the one kind of depth
     that it applies to; None: any. `condition`: the condition of the rig that it fits ("sticking", "edge",
-    "thickness"), which is otherwise stated or assumed. `instead_of_beta`: its rank, from 1, among the explanations
-    of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to the observations once the effect is
-    added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed starts of a fit, a row each. `searched`:
-    number of forms n that its starts search, which costs 2 ln n of chi^2 beyond 2 a parameter.
+    "thickness"), which is otherwise stated or assumed. `acts_on`: "punch" for a form that is a punch's, over its
+    depth, "resultant" for an error of forces that were computed from pictures; "": either. `instead_of_beta`: its
+    rank, from 1, among the explanations of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to
+    the observations once the effect is added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed
+    starts of a fit, a row each. `std_at_known_E`: the prior's std of a factor on E where E is known; None: none.
+    `searched`: number of forms n that its starts search, which costs 2 ln n of chi^2 beyond 2 a parameter.
     """
 
     key: ClassVar[str] = ""
@@ -203,9 +206,11 @@ class EffectBase:
     check: ClassVar[ManualCheck | None] = None
     depth_source: ClassVar[DepthSource | None] = None
     condition: ClassVar[str] = ""
+    acts_on: ClassVar[Literal["", "punch", "resultant"]] = ""
     instead_of_beta: ClassVar[int] = 0
     treatment: ClassVar[str] = ""
     start_values: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    std_at_known_E: ClassVar[float | None] = None
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and vars(other) == vars(self)
@@ -220,11 +225,20 @@ class EffectBase:
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """Return the parameters with what is known of them on these data."""
-        return self.parameters
+        first, *others = self.parameters or (None,)
+        if first is None or self.std_at_known_E is None or data.resultants is None:
+            return self.parameters
+        prior = Prior(first.default, self.std_at_known_E, f"{self.title}: a judgement")
+        return (replace(first, prior=prior), *others)
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the effect; empty where they can."""
         return ""
+
+    def unfit(self, data: Observations) -> str:
+        """Return why its form does not suit the law of these data; empty where it does."""
+        punch = self.acts_on == "punch" and data.resultants is not None
+        return "the inverse step takes the shape of the contact from the picture" if punch else ""
 
     def starts(self, data: Observations) -> Floats:
         """Return values (S, q) to begin a fit from.
@@ -238,13 +252,17 @@ class EffectBase:
         rest = [p.default for p in others]
         return np.array([[side, *rest] for side in dict.fromkeys(sides) if side != first.default])
 
+    def of_modulus(self, values: Floats) -> float:
+        """Return the factor on E that these values mean; 1 unless the effect is a change of E itself."""
+        return 1.0
+
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the effect of these values."""
         raise NotImplementedError(f"{type(self).__name__} does nothing")
 
     def absent(self, data: Observations) -> bool:
-        """Return whether these data cannot contain it: their depth has another source."""
-        return self.depth_source not in (None, data.depth_source)
+        """Return whether these data cannot contain it: their depth has another source, or their law no punch."""
+        return self.depth_source not in (None, data.depth_source) or bool(self.unfit(data))
 
     def to_be_expected(self, data: Observations) -> bool:
         """Return whether every rig has some of it (`typical`) unless stated otherwise."""
@@ -256,7 +274,11 @@ class EffectBase:
 
     def freed(self) -> Effect:
         """Return the effect without a prior on its size."""
-        return self
+        if self.std_at_known_E is None:
+            return self
+        free = copy(self)
+        vars(free)["std_at_known_E"] = None
+        return free
 
     def richer(self) -> Effect | None:
         """Return the effect with one more term; None where there is none."""

@@ -74,6 +74,19 @@ def summary(found: Diagnosis) -> list[str]:
     return [line for line in (*lines, next_sentence(found)) if line]
 
 
+def resultant_sentences(found: Diagnosis) -> list[str]:
+    """Return the lines for `force`: the error of forces by pictures, on what it depends, and what is missing."""
+    data = found.fits.base.data
+    assert data.resultants is not None
+    off = float(np.sqrt(np.mean((data.resultants.force_N - data.normal_N) ** 2)))
+    of_all = 100 * off / float(np.max(np.abs(data.normal_N)))
+    seen = [wording.covariate(c.key) for c in found.search.covariates_before if c.p_adjusted < LEVEL]
+    depends = f"it depends on {', '.join(seen)}" if seen else "it depends on nothing that was recorded"
+    said = [f"{found.verdict}: {verdict_sentence(found)}", stopped_sentence(found), next_sentence(found)]
+    size = f"{KILO * off:.1f} mN rms ({of_all:.1f} % of the largest)"
+    return [f"fz differs from the force sensor's by {size}; {depends}", *filter(None, said)]
+
+
 def diagnosis_page(
     found: Diagnosis,
     folder: FigureFolder,

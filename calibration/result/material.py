@@ -30,6 +30,7 @@ from calibration.inputs.checks import at_one_depth
 from calibration.laws import FLAT, shape_of, theory
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.paper import A_OVER_H, Paper, modulus_at, modulus_from, poisson_from_beta
+from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
 from calibration.result.poisson_routes import CONTRARY, contradictions, of_fit, rivals
 from calibration.result.result import CalibrationResult, common_assumptions
@@ -238,6 +239,33 @@ def of_round(fitted: Fit) -> CalibrationResult:
     )  # fmt: skip
 
 
+def of_resultants(fitted: Fit) -> CalibrationResult:
+    """Return E by the readings next to resultants of pictures, at the calibration's nu, with its change."""
+    scale = 1 / (1 - float(fitted.values[1]) ** 2)
+
+    def moduli(values: Floats) -> tuple[float, float]:
+        return fitted.model.modulus(values), scale * fitted.model.modulus(values)
+
+    modulus, reduced = derived(fitted, moduli, ("MPa", "MPa"))
+    covariance = np.zeros((4, 4))
+    covariance[0, 0] = (modulus.std or 0.0) ** 2
+    nothing = Estimate(
+        None, None, None, "1", "the contact's shape is the picture's: there is no stiffness of a punch"
+    )
+    stated = fitted.parameters[0].prior
+    assert stated is not None
+    return CalibrationResult(
+        youngs_modulus=modulus, poisson_ratio=fitted.estimate("poisson_ratio"), poisson_ratio_source="prior",
+        c=replace(nothing, unit="N/mm"), beta=nothing, reduced_modulus=reduced,
+        youngs_modulus_of_nu=((float(fitted.values[1]), float(fitted.values[0])),), covariance=covariance,
+        fitted=fitted, warnings=(*fitted.warnings, *fitted.data.warnings),
+        assumptions=(
+            f"E is held to the calibration's, {stated.mean:.4g} +- {stated.std:.2g} MPa, at its nu",
+            *common_assumptions(fitted),
+        ),
+    )  # fmt: skip
+
+
 def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
     """Return E with its interval wide enough for a gel that sticks to the body, unless presses were lubricated."""
     if np.all(fitted.data.presses.lubricated == 1):
@@ -295,7 +323,9 @@ def material_by_routes(fitted: Fit) -> CalibrationResult:
 
 def determine_material(fitted: Fit, contrary: Sequence[Rival] = ()) -> CalibrationResult:
     """Return the material of a fit of any law in the catalogue; a punch's intervals hold `contrary` fits too."""
-    if shape_of(fitted.model.law) != FLAT:
+    if isinstance(fitted.model.law, Resultant):
+        found = of_resultants(fitted)
+    elif shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted, contrary)

@@ -14,7 +14,7 @@ from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, adopt, held_out_rms, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import face_error_mm, fit_vision_depth, in_picture, reading_error_mm
-from calibration.effects import EFFECTS, get_effect
+from calibration.effects import EFFECTS, effects_for, get_effect
 from calibration.fit import depth_noise
 from calibration.fit.least_squares import Fit, fit, unexplained
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, repeatability_rms
@@ -24,6 +24,7 @@ from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
+from calibration.laws.resultant import Resultant
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.reml import BEYOND_CHANCE
@@ -290,7 +291,7 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
     if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > BEYOND_CHANCE:
         return ()
     base, fits = last.fitted, []
-    tables, _ = effect_directions(base, list(EFFECTS.values()))
+    tables, _ = effect_directions(base, effects_for(base.data))
     white = base.whitener.apply(np.column_stack([base.jacobian[:, base.free], base.residual_N, *tables.values()]))
     count = int(np.count_nonzero(base.free))
     z, *rest = unexplained(white[:, :count], white[:, count:]).T
@@ -386,10 +387,13 @@ def base_fit(model: Model, data: Observations) -> Fit:
 
 
 def base_model(data: Observations, *, bound: Pair | None = SILICONE_NU) -> Model:
-    """Return the flat punch, with nu free where several radii may determine it and nothing else is known of it.
+    """Return the flat punch, or the inverse step's resultant where there is one.
 
-    `bound` is the range of nu where nothing determines it; None: that of any gel.
+    nu is free where several radii may determine it and nothing else is known of it; `bound` is its range where
+    nothing determines it, None: that of any gel.
     """
+    if data.resultants is not None:
+        return Model(Resultant())
     several = np.unique(data.presses.radius_mm).size > 1
     free = several and data.gel.poisson_ratio is None
     return Model(FlatPunch(free_poisson_ratio=free, poisson_range=bound or OPEN_NU))

@@ -31,7 +31,7 @@ from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
 from calibration.diagnosis.unexplained import describe, nearest
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
-from calibration.effects import EFFECTS
+from calibration.effects import effects_for
 from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
@@ -68,10 +68,10 @@ def _over_candidates(
             if turn.scored[c.effect.key].p_adjusted < LEVEL and refit.inside(c) and c.cost < base.chi2
             and c.model.without(c.effect.key).keys == base.model.keys
         ]  # fmt: skip
-    factors += [c.values[0] / base.values[0] for c in found]
+    factors += [c.modulus_MPa / base.model.modulus(base.values) for c in found]
     fits = list[tuple[Fit, float]]()  # and E by the steps that followed
     for step, each in zip(force.steps, own, strict=True):
-        later = float(force.fitted.values[0] / step.fitted.values[0])
+        later = _modulus(force.fitted) / _modulus(step.fitted)
         fits += [(one, later) for one in each.values() if one is not step.fitted]
     for one in (c for c in found if c.effect.freed() != c.effect):  # a prior may be what is wrong
         with suppress(*CANNOT_FIT):
@@ -83,6 +83,10 @@ def _over_candidates(
     said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
     held = replace(after, youngs_modulus=E)
     return widened(held if after.youngs_modulus == E else held.noted(said), factors, said)
+
+
+def _modulus(fitted: Fit) -> float:
+    return fitted.model.modulus(fitted.values)
 
 
 def _over_rise(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
@@ -124,7 +128,7 @@ def diagnose(
     is tested: the answer is the best so far, `stopped`. Raises InputError where no law can be fitted.
     """
     data = clear_of_touch(in_phase(usable(data)))
-    catalogue = [*EFFECTS.values(), *effects]
+    catalogue = [*effects_for(data), *effects]
     diagnosed = partial(
         _diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch
     )

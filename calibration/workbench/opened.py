@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.effects import EFFECTS, get_effect
+from calibration.effects import effects_for, get_effect
 from calibration.inputs.observations import Measured, Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
@@ -124,7 +124,7 @@ class Opened:
 
     `data`: all accepted presses; `bulge` and `bound`: knowledge of nu; `private`: the user's effects, with their
     `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `listed`: the
-    effects to test besides the private ones.
+    effects to test besides the private ones, None: the catalogue's.
     """
 
     paths: tuple[Path, ...]
@@ -137,7 +137,7 @@ class Opened:
     frames: tuple[Frames | None, ...] = ()
     warnings: tuple[str, ...] = ()
     marks: Marks = field(default_factory=dict)
-    listed: tuple[Effect, ...] = tuple(EFFECTS.values())
+    listed: tuple[Effect, ...] | None = None
 
     @property
     def title(self) -> str:
@@ -147,7 +147,7 @@ class Opened:
     @property
     def catalogue(self) -> list[Effect]:
         """Effects to test: the listed and the private ones."""
-        return [*self.listed, *self.private]
+        return [*(effects_for(self.data) if self.listed is None else self.listed), *self.private]
 
     def effect(self, key: str) -> Effect:
         """Return an effect by its key. Raises InputError for an unknown one."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial, reduce
 from math import isfinite
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +16,7 @@ from calibration.inputs.deadline import Deadline
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
 from calibration.report.report import column
-from calibration.tasks.compare import Compared, as_comparison
+from calibration.tasks.compare import Compared
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened, file_marks
@@ -28,7 +27,6 @@ from tactilevision.errors import InputError
 from tactilevision.pipeline import (
     CertifiedRecording,
     certify_recordings,
-    diagnose_recording,
     observed,
     sharpest_poisson_ratio,
 )
@@ -65,26 +63,12 @@ def diagnose(
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     deadline = Deadline.after(time_limit)
     (sure, sure_files), (own, own_files) = folders.named_effects(known), folders.named_effects(private)
-    taken = certify_recordings(recordings, scale_doubt=False, cluster=cluster, listener=console)
-    run = partial(diagnose_recording, prior=prior, seed=seed, deadline=deadline, listener=console)
-    found = run(taken, effects=own, known=sure, workers=workers, cluster=cluster)
-    files = sure_files | own_files
-    steps = [Step(one.key, files.get(one.key, "")) for one in sure]
     asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, applied=apply)
-    history = _history_of(asked, [*steps, *steps_of_comparison(as_comparison(found), files)])
-    commands = folders.commands_after_diagnosis(found, asked, files)
-    content = folders.write_diagnosis(
-        found, taken, history, out=out, form=form, private=own, commands=commands, listener=console
-    )
+    diagnosis = folders.Search(own, sure, sure_files | own_files, deadline, workers, cluster)
+    found, content, commands = folders.diagnose_as(asked, diagnosis, out=out, form=form, listener=console)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
     console.hand_over(content, json)
-
-
-def _history_of(asked: History, steps: Sequence[Step]) -> History:
-    """Return the history of these steps, which names its recordings wherever it is read."""
-    paths = tuple(str(Path(name).resolve()) for name in asked.recordings)
-    return reduce(History.add, steps, replace(asked, recordings=paths))
 
 
 def new_effect(
@@ -124,7 +108,7 @@ def compare(
     effects, files = folders.named_effects(chosen)
     found = folders.compare_as(asked, effects, deadline=deadline, listener=console)
     commands = folders.commands_after_comparison(found, asked, files)
-    history = _history_of(asked, steps_of_comparison(found, files))
+    history = folders.history_of(asked, steps_of_comparison(found, files))
     folders.write_comparison(found, history, out=out, form=form, try_next=commands, listener=console)
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
     console.warn([*found.stated.warnings, *excluded])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +17,13 @@ from tactilevision.batch.tree import Light, reconstruct_tree
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
 from tactilevision.force import comparison
-from tactilevision.force.calibrated import Sensitivity, material_sensitivity, read_clock_offset, read_material
+from tactilevision.force.calibrated import (
+    TOGETHER,
+    Sensitivity,
+    material_sensitivity,
+    read_clock_offset,
+    read_material,
+)
 from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_job, with_gel
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.plots import force as draw, style
@@ -24,8 +31,11 @@ from tactilevision.plots.height import draw_height
 from tactilevision.press.certified_faces import FaceDepthCorrection
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
+from tactilevision.records.constants import Z95
 from tactilevision.records.maps import TractionMap, flag_messages
 from tactilevision.records.measured import Material
+
+MOST_S = 60  # s, the longest diagnosis within `force`
 
 
 def depth(
@@ -172,6 +182,10 @@ def force(
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
+    diagnosis: Annotated[
+        bool,
+        typer.Option("--diagnosis/--no-diagnosis", help="Find the cause of a difference from the F/T sensor."),
+    ] = True,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
@@ -185,32 +199,73 @@ def force(
         offset_s = None if calibration is None else read_clock_offset(calibration)
         how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
         rows = force_folder(recording, job, progress=progress, **how)
-    content = _say_forces(recording, job, rows, out, most=pictures)
+    content, written = _say_forces(recording, job, rows, out, most=pictures)
+    content["diagnosis"] = _diagnose(written, out / "diagnosis") if diagnosis and written is not None else None
     console.hand_over(content | {"material": material.as_json()}, json)
 
 
 def _say_forces(
     recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], out: Path, *, most: int
-) -> dict[str, Any]:
-    """Print, draw and return the summary of the forces, and write the comparison with measured ones."""
+) -> tuple[dict[str, Any], Path | None]:
+    """Print, draw and return the summary of the forces, and the recording of the comparison with measured ones."""
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
     shear, compared = comparison.shear_summary(read), comparison.residuals(rows, recording.force_std_N)
     _say_shear(shear)
     measured = _say_residuals(compared, has_offset=not recording.presses)
-    written = comparison.write_comparison(recording, rows, folder=out / "beside")
-    if written is not None:
-        console.say(f"  `tactilevision diagnose {written}` examines the difference of depth and force")
-    return {
+    sensitivity = _figures(recording, job, rows, out / "figures", compared=compared, most=most)
+    written = _against_sensor(recording, job, rows, out, sensitivity) if compared is not None else None
+    content = {
         "frames": len(rows),
         "read": len(read),
         "faces_certified": job.anchor.depth_scale is not None,
         "warnings": list(job.reconstructor.warnings),
         "shear": shear,
         "measured": measured,
-        "sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=most),
+        "sensitivity": sensitivity,
     }
+    return content, written
+
+
+def _against_sensor(
+    recording: Recording,
+    job: ForceJob,
+    rows: tuple[FrameForce, ...],
+    out: Path,
+    sensitivity: Sequence[dict[str, Any]],
+) -> Path | None:
+    """Write the forces next to the readings as a recording; return None where no press has enough of both."""
+    joint = next((one["change_percent"] for one in sensitivity if one["parameter"] == TOGETHER), (0.0, 0.0))
+    std = (joint[1] - joint[0]) / (2 * Z95 * 100)
+    return comparison.write_comparison(
+        recording,
+        rows,
+        job.field,
+        folder=out / "beside",
+        solve=lambda number: job.solve(read_frame(recording, number)),
+        material_std=std,
+    )
+
+
+def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
+    """Diagnose the difference from the force sensor into `out`, print what it lacks, and return it."""
+    from calibration.inputs.deadline import Deadline
+    from calibration.report.diagnosis_report import resultant_sentences
+    from calibration.tasks.session import History
+    from tactilevision import result_folders as folders
+
+    asked, how = History((str(written),)), folders.Search(deadline=Deadline.after(MOST_S))
+    try:
+        found, content, commands = folders.diagnose_as(asked, how, out=out, listener=console)
+    except InputError as fault:
+        console.say(f"  the difference from the force sensor is not diagnosed: {fault}")
+        return None
+    console.say(*(f"  {line}" for line in resultant_sentences(found)))
+    words = "to add it" if found.effects else "to try"
+    console.say(*(f"  {words}: {text}" for text in commands))
+    console.say(f"  its figures are in {out / 'report.html'}; to look further: tactilevision workbench {written}")
+    return content
 
 
 def _material(chosen: source.Choice, calibration: Path | None) -> Material:
@@ -318,6 +373,6 @@ def _sensitivity(found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Pa
     said = [entry.as_json(found) for entry in ranges]
     for entry in said:
         low, high = entry["change_percent"]
-        over = "over their joint" if entry["parameter"] == "both together" else "over its own"
+        over = "over their joint" if entry["parameter"] == TOGETHER else "over its own"
         console.say(f"  {entry['parameter']} {over} 95 % interval moves fz by {low:+.1f} to {high:+.1f} %")
     return said

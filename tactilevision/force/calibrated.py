@@ -19,6 +19,7 @@ from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
 
 SAME_GEL = 0.01  # of the thickness: largest difference of one gel
+TOGETHER = "both together"  # E and nu varied by their covariance
 _UNITS = {"youngs_modulus_MPa": ("MPa",), "poisson_ratio": ("1", "")}  # as `calibrate` writes them
 
 
@@ -113,7 +114,7 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
     slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], TINY)[:, None]
     half = Z95 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
     now = ends_N[0].mean(axis=0)  # the force is proportional to E
-    return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
+    return Sensitivity(TOGETHER, "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
 
 
 def _estimate(content: Mapping[str, Any], key: str, path: object) -> tuple[float, float]:

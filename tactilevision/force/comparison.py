@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.force.field import CUT
-from tactilevision.force.frame import FrameForce, nothing_touches
+from tactilevision.force.field import CUT, ForceField
+from tactilevision.force.frame import FrameForce, Solved, nothing_touches
 from tactilevision.recording.model import Recording
 from tactilevision.recording.write import write_recording
 from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Floats
-from tactilevision.records.rig import Press
+from tactilevision.records.rig import Indenter, Press
 
 # Resultants compared with the force/torque sensor's.
 #
@@ -139,38 +140,105 @@ def _median(values: Floats) -> float | None:
     return float(np.median(known)) if known.size else None
 
 
-# The comparison as a recording of curves for `tactilevision diagnose`: of each press the contact's depth in the
-# height map against the sensor's force, and the place of the pressure if the protocol states none. `picture_fz_N`
-# and its standard deviation are columns.
+# The comparison as a recording of curves for `tactilevision diagnose` and `workbench`: of each press the contact's
+# depth in the height map against the sensor's force, and the place of the pressure if the protocol states none.
+# Columns: `picture_fz_N`, its standard deviation and the solver's part of it, `picture_fz_of_thickness` (d ln fz/d
+# ln h, by the inverse step on a thicker layer for some frames of each press) and `picture_cut`. E and nu are
+# those of the forces.
 
 MIN_COUNT = 4  # frames of a curve
+THICKER = 1.1  # times the thickness: on a thinner gel further cells seem to touch
+SOLVED_AGAIN = 48  # frames that are solved again on a thicker gel, one a press at least
+A_PRESS = 3  # of them in a press, at most
+BODY_MM = 1.0  # mm: stands for the size of what touches, which no part of the comparison uses
+UNKNOWN = "contact"  # name of what touches where no press is listed
 
 
-def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
-    """Write the recording of curves into `folder`; return None if no press has enough frames with both forces."""
-    presses, curves = [], []
-    for press in recording.presses:
-        seen = [row for row in rows if row.press == press.press and _whole(row)]
-        if len(seen) >= MIN_COUNT:
-            curves.append(_curve(press.press, seen))
-            presses.append(_placed(press, seen))
-    if not curves:
+def write_comparison(
+    recording: Recording,
+    rows: Sequence[FrameForce],
+    field: ForceField,
+    *,
+    folder: Path,
+    solve: Callable[[int], Solved],
+    material_std: float = 0.0,
+) -> Path | None:
+    """Write the recording of curves into `folder`; return None if no press has enough frames with both forces.
+
+    `rows`, one a frame, are forces by `field`; `solve` returns the maps of a frame by its number. `material_std`
+    is the relative std of a force by the calibration. Where no presses are listed, each run of frames with contact
+    is one.
+    """
+    if not recording.presses:
+        recording, rows = _contacts(recording, rows)
+    number = {row.frame: k for k, row in enumerate(rows)}
+    seen = {
+        one.press: [row for row in rows if row.press == one.press and _whole(row)] for one in recording.presses
+    }
+    presses = [one for one in recording.presses if len(seen[one.press]) >= MIN_COUNT]
+    if not presses:
         return None
+    most = min(A_PRESS, max(1, SOLVED_AGAIN // len(presses)))
+    layers = [_layer(field, times) for times in (1.0, THICKER)]
+    curves = []
+    for press in presses:
+        deep = sorted(seen[press.press], key=lambda row: row.depth_mm)
+        chosen = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
+        powers = [_of_thickness(solve(number[row.frame]), layers) for row in chosen]
+        of_thickness = np.interp(
+            [row.depth_mm for row in seen[press.press]], [row.depth_mm for row in chosen], powers
+        )
+        curves.append(_curve(press.press, seen[press.press], of_thickness))
+    material, E = field.material, field.material.youngs_modulus_MPa
+    known: dict[str, Any] = {"youngs_modulus_std_MPa": material_std * E, "poisson_ratio": material.poisson_ratio}
+    gel = replace(field.gel, youngs_modulus_MPa=E, poisson_ratio_std=0.0, **known)
     write_recording(
-        replace(recording, path=folder, name=f"{recording.name}, picture and sensor", presses=tuple(presses),
+        replace(recording, path=folder, name=f"{recording.name}, picture and sensor",
+                sensor=replace(recording.sensor, gel=gel),
+                presses=tuple(_placed(press, seen[press.press]) for press in presses),
                 curves=tuple(curves), points=(), forces=None, stage=None, frames_path=None, frame_names=(),
                 frame_times_s=np.zeros(0), flats=(), balls=(), extra={}, depth_source="vision", depth_std_mm=None)
     )  # fmt: skip
     return folder
 
 
+def _layer(field: ForceField, times: float) -> ForceField:
+    """Return the same field on a layer `times` as thick, without deviations, and without sides: they take long."""
+    gel = replace(field.gel, thickness_mm=times * field.gel.thickness_mm)
+    settings = replace(field.settings, cell_std=False, sides=False)
+    return ForceField(gel, replace(field.material, covariance=None), field.mm_per_px, settings=settings)
+
+
+def _of_thickness(solved: Solved, layers: Sequence[ForceField]) -> float:
+    """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker layer."""
+    force = [field(solved.height, solved.shear).resultant_N[2] for field in layers]
+    return float(np.log(force[1] / force[0]) / np.log(THICKER)) if min(force) > 0 else 0.0
+
+
+def _contacts(recording: Recording, rows: Sequence[FrameForce]) -> tuple[Recording, list[FrameForce]]:
+    """Return the recording with a press for each run of frames with contact, and the frames of each."""
+    touching = np.array([touches(row) for row in rows], dtype=bool)
+    number = np.cumsum(np.diff(touching.astype(int), prepend=0) == 1)
+    named = [
+        replace(row, press=f"{UNKNOWN}{k}" if on else "")
+        for row, k, on in zip(rows, number, touching, strict=True)
+    ]
+    times = {
+        k: [row.time_s for row, n in zip(rows, number * touching, strict=True) if n == k] for k in set(number)
+    }
+    body = next(iter(recording.indenters), UNKNOWN)
+    presses = tuple(Press(f"{UNKNOWN}{k}", body, min(t), max(t)) for k, t in times.items() if k and t)
+    indenters = recording.indenters or {UNKNOWN: Indenter(UNKNOWN, "sphere", BODY_MM)}
+    return replace(recording, presses=presses, indenters=indenters), named
+
+
 def _whole(row: FrameForce) -> bool:
-    """Return whether both forces are known, the contact is not cut, and the map of a free gel did not slip."""
+    """Return whether both forces are known, and the reading is inside its range."""
     known = bool(np.isfinite([row.depth_mm, *row.measured_N]).all())
-    return touches(row) and CUT not in row.flags and known and row.measured_N[2] > MIN_N
+    return touches(row) and known and not row.reading_clipped and row.resultant_N[2] > 0
 
 
-def _curve(press: str, seen: Sequence[FrameForce]) -> Curve:
+def _curve(press: str, seen: Sequence[FrameForce], of_thickness: Floats) -> Curve:
     return Curve(
         press=press,
         time_s=np.array([row.time_s for row in seen]),
@@ -180,6 +248,9 @@ def _curve(press: str, seen: Sequence[FrameForce]) -> Curve:
         extra={
             "picture_fz_N": np.array([row.resultant_N[2] for row in seen]),
             "picture_fz_std_N": np.array([row.resultant_std_N[2] for row in seen]),
+            "picture_fz_model_std_N": np.array([row.model_std_N for row in seen]),
+            "picture_fz_of_thickness": of_thickness,
+            "picture_cut": np.array([row.cut for row in seen]),
         },
     )
 

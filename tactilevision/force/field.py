@@ -206,11 +206,12 @@ class ForceField:
         noise = np.repeat(seen.std_mm, len(found.cells))
         variance = self._seen_variance(grid, seen, found, weights, noise)
         variance += self._material_variance(compliance, found, weights, total)
-        variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
-        variance[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
-        variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
+        model = (MODEL_STD * np.linalg.norm(total[:3])) ** 2
+        model[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
         if parts == 1:
-            variance[2] += (SHARE_STD * (weights[2] * by_share @ found.traction[0])) ** 2
+            model[2] += (SHARE_STD * (weights[2] * by_share @ found.traction[0])) ** 2
+        model[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
+        variance[:3] += model
         variance[:3] += force_beyond(grid, found, seen, scale=scale, cut=CUT in flags)
         std, fields = np.sqrt(variance), np.zeros((3, grid.shape[0] * grid.shape[1]))
         fields[3 - parts :, found.cells] = found.traction * scale
@@ -220,7 +221,8 @@ class ForceField:
         if parts == 1:
             fields[:2], total[[0, 1, 5]], std[[0, 1, 5]] = np.nan, np.nan, np.nan
         deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
-        return replace(_as_map(grid, fields, errors, total, std, flags, height), depth_mm=deepest)
+        whole = _as_map(grid, fields, errors, total, std, flags, height)
+        return replace(whole, depth_mm=deepest, model_std_N=float(np.sqrt(model[2])))
 
     def _seen_variance(
         self, grid: NodeGrid, seen: Observation, found: Solution, weights: Floats, noise: Floats

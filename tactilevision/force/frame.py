@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.ndimage import center_of_mass
+from scipy.ndimage import binary_erosion, center_of_mass
 
 from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
@@ -19,14 +19,14 @@ from tactilevision.files.writing import replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import NO_CONTACT, ForceField, Triple, triple
+from tactilevision.force.field import CUT, NO_CONTACT, ForceField, Triple, triple
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.recording.model import BadFrame, Recording, is_bare
 from tactilevision.recording.write import table_cell
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
-from tactilevision.records.measured import Floats, Material
+from tactilevision.records.measured import Bools, Floats, Material
 from tactilevision.records.rig import Gel, Press
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
@@ -97,7 +97,8 @@ class FrameForce:
 
     `depth_mm` is the greatest depth of the contact, `place_mm` the centre of pressure on the pad, `measured_N` the
     F/T sensor's force at the time; NaN: unknown. `reading_clipped`: the F/T sensor was at the end of its range in
-    the press.
+    the press. `model_std_N`: the solver's own part of fz's std; `cut`: the share of the contact's outline on the
+    picture's border.
     """
 
     frame: str
@@ -112,6 +113,8 @@ class FrameForce:
     measured_N: Triple = NOTHING
     press: str = ""
     reading_clipped: bool = False
+    model_std_N: float = float("nan")
+    cut: float = 0.0
 
     @property
     def read(self) -> bool:
@@ -207,7 +210,16 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
         row, column = center_of_mass(pressure)
         place = found.first_mm[0] + found.mm_per_px[0] * column, found.first_mm[1] + found.mm_per_px[1] * row
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
-                      found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags))  # fmt: skip
+                      found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags),
+                      model_std_N=found.model_std_N,
+                      cut=_cut(pressure > 0) if CUT in found.flags else 0.0)  # fmt: skip
+
+
+def _cut(touching: Bools) -> float:
+    """Return the share of the outline of touching cells (rows, columns) that lies on the border of the cells."""
+    outline, border = touching & ~binary_erosion(touching), np.ones_like(touching)
+    border[1:-1, 1:-1] = False
+    return float(np.mean(border[outline])) if outline.any() else 0.0
 
 
 def nothing_touches(row: FrameForce) -> bool:

@@ -178,7 +178,8 @@ class TractionMap:
     `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the
     place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border,
     ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the
-    pad's centre, r x F. `depth_mm` is the greatest depth of the contact. NaN: not measured.
+    pad's centre, r x F. `depth_mm` is the greatest depth of the contact, `model_std_N` the solver's own part of
+    fz's std. NaN: not measured.
     """
 
     t_x: Floats
@@ -195,6 +196,7 @@ class TractionMap:
     depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""
+    model_std_N: float = float("nan")
 
     @property
     def wrench(self) -> Wrench:

@@ -104,6 +104,7 @@ def test_a_recording_does_not_say_what_is_hidden_in_it(tmp_path: Path) -> None:
         ("hidden_unknown", ["two_ranges"]),
         ("hidden_two", ["viscoelasticity", "thickness_wedge"]),
         ("hidden_shadow", ["cast_shadow"]),
+        ("hidden_force", ["clock_offset", "modulus_change"]),
     ],
 )
 def test_samples_hide_what_their_truth_says(name: str, keys: list[str]) -> None:

@@ -27,15 +27,9 @@ from tactilevision.mechanics.kappa import kappa
 from tactilevision.records.measured import Floats
 
 EVERY = [EFFECTS[key] for key in CATALOGUE]
-UNSEEN = (
-    "depth_quantisation",
-    "force_gain",
-    "photometric_gain",
-    "bevel_rise",
-    "cast_shadow",
-    "lamp_fading",
-)  # by force alone
-CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN]
+# by force alone, or for want of steps
+UNSEEN = ("depth_quantisation", "force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")
+CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN and effect.acts_on != "resultant"]
 LONG = ("edge_fillet", "tilt", "adhesion")  # fits of some seconds
 
 
