@@ -139,7 +139,9 @@ def forward_selection(
     rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = SECOND if steps else level if current is base else level / 2
-        turn = _look(current, catalogue, rng, now, of_rig=of_rig, quick=quick, watch=watch)
+        turn = _look(
+            current, _further(catalogue) if steps else catalogue, rng, now, of_rig=of_rig, quick=quick, watch=watch
+        )
         looked_at = current
         rounds.append(turn)
         if watch.over:
@@ -167,6 +169,14 @@ def forward_selection(
         last = score_test(current, (), rng=rng, of_rig=of_rig, quick=quick, each=watch.each)
     other = {key: share for key, share in bend_or.items() if key not in current.model.keys}
     return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
+
+
+def _further(catalogue: Sequence[Effect]) -> list[Effect]:
+    """Return the effects that may come after another; without those whose form over the depth is searched.
+
+    They would take up what the form of the effect before lacks.
+    """
+    return [one for one in catalogue if not (one.searched > 1 and "w" in one.seen_in)]
 
 
 def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:

@@ -129,7 +129,7 @@ def finds_what_was_planted(effect: Effect) -> None:
     truth = effect.starts(data)[0] * 1.2
     truth = np.clip(truth, [p.bounds[0] for p in effect.parameters], [p.bounds[1] for p in effect.parameters])
     if effect.searched > 1:  # the form is searched over starts
-        truth[1:] = effect.starts(data)[0][1:]
+        truth[1:] = effect.starts(data)[len(effect.starts(data)) // 2][1:]
     measured = data.with_force(planted(effect, truth, data))
     starts = [np.concatenate([BASE, start]) for start in effect.starts(data)] if effect.searched > 1 else []
     noise, model = Noise(1e-3, 1e-4, 1e-4, stated=False), Model(FlatPunch()) + effect
@@ -184,7 +184,7 @@ def test_the_thickness_is_held_by_what_is_known_of_it(stated_mm: float, spread: 
 
 
 def test_unknown_keys_are_named() -> None:
-    with pytest.raises(InputError, match="Choose among: depth_zero"):
+    with pytest.raises(InputError, match="Choose among: depth_quantisation, depth_zero"):
         get_effect("phlogiston")
 
 

@@ -54,7 +54,7 @@ def p_of(fitted: Fit) -> float:
     return {s.key: s.p_adjusted for s in seen(fitted).effects}["temperature"]
 
 
-@pytest.mark.parametrize(("count", "by_score", "by_ratio"), [(7, 0.1, 0.02), (36, 1e-6, 1e-10)])
+@pytest.mark.parametrize(("count", "by_score", "by_ratio"), [(7, 0.1, 0.03), (36, 1e-6, 1e-10)])
 def test_what_passes_for_the_scatter_of_presses_is_weighed_against_it(
     monkeypatch: pytest.MonkeyPatch, count: int, by_score: float, by_ratio: float
 ) -> None:

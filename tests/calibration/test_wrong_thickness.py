@@ -15,7 +15,6 @@ from calibration.diagnosis.forward_selection import Step
 from calibration.diagnosis.refit import Candidate, own_fit, refit_with
 from calibration.diagnosis.score_test import Scored
 from calibration.effects import EFFECTS
-from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.inputs.observations import Observations
 from calibration.tasks import diagnose as task
 from calibration.tasks.compare import base_fit, base_model
@@ -52,7 +51,7 @@ def test_a_candidate_makes_of_E_what_it_would_without_the_prior_that_may_be_wron
         TRUE_MM, rel=0.04
     )
     group = tuple(Candidate.of_fit(*one) for one in own.items())
-    plans = plan_next(base, [[group]], odd=OutlyingPresses(), left=None, instead=(), bias={"friction": 0.1})
+    plans = plan_next(base, [[group]], again=(), left=None, instead=(), bias={"friction": 0.1})
     assert plans[0].action == FIRST
     assert [plan.separates != "" for plan in plans] == [True] * (len(plans) - 1) + [False]
 
