@@ -139,9 +139,8 @@ def forward_selection(
     rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = SECOND if steps else level if current is base else level / 2
-        turn = _look(
-            current, _further(catalogue) if steps else catalogue, rng, now, of_rig=of_rig, quick=quick, watch=watch
-        )
+        may = _further(catalogue) if steps else catalogue
+        turn = _look(current, may, rng, now, of_rig=of_rig, quick=quick, watch=watch)
         looked_at = current
         rounds.append(turn)
         if watch.over:

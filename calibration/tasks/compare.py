@@ -32,7 +32,7 @@ from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records.constants import KILO, NONZERO, TINY
+from tactilevision.records.constants import KILO, NONZERO, ROUNDING, TINY
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 # The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
@@ -92,10 +92,8 @@ def with_far_held_out(result: CalibrationResult, fitted: Fit) -> CalibrationResu
     from scipy.special import fdtrc
 
     squares = np.bincount(fitted.data.press, fitted.noise.std_N(fitted.about) ** 2)
-    dof, ratio = (
-        float(squares.sum() ** 2 / (squares**2).sum()),
-        result.held_out_N / max(result.noise_floor_N, TINY),
-    )
+    floor_N = max(result.noise_floor_N, ROUNDING * float(np.max(np.abs(fitted.force_N))))
+    dof, ratio = float(squares.sum() ** 2 / max((squares**2).sum(), TINY)), result.held_out_N / floor_N
     if not (np.isfinite(ratio) and fdtrc(dof, dof, ratio**2) < FAR):
         return result
     said = (

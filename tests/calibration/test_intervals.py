@@ -141,10 +141,8 @@ def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) 
     measured = points_of(
         depth, punch_force(depth, FlatContact(2.5, 0.05, 3.0, friction), material=Material(0.2, 0.48)), gel=gel
     )
-    open_, sharp = (
-        calibrate(measured, test=False).youngs_modulus,
-        {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)},
-    )
+    open_ = calibrate(measured, test=False).youngs_modulus
+    sharp = {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)}
     stated = replace(measured, recording=replace(measured.recording, indenters=sharp))
     known = calibrate(stated, test=False).youngs_modulus
     assert open_.interval95 is not None
