@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_recordings import points_of, recording_of
 
 from benchmarks.others_curves.recording import make
 from calibration.effects import EFFECTS
@@ -22,7 +23,6 @@ from tactilevision.errors import InputError
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Curve
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
-from tests.calibration.made_recordings import points_of, recording_of
 
 
 def _recording(
