@@ -2,7 +2,7 @@
 
     w -> w - s (w - w_c),    w_c the course of the depths in time, a polynomial of each ramp
 
-s is 1 where the course is right; the steps of plateaus have no course and stay. Range: s up to 1, steps above .004
+s is 1 where the course is right; the steps of plateaus have no course and stay. Range: s up to 1.5, steps above .004
 mm; vanishes at s = 0. Source: definition.
 """
 
@@ -28,7 +28,7 @@ class DepthQuantisation(EffectBase):
     order = 5
     acts_on = "punch"
     check = ManualCheck("read the depth with more digits, or from an encoder", 10)
-    parameters = (Parameter("share", "1", 0.0, (0, 1), "share of the rounding that is corrected", 0.5),)
+    parameters = (Parameter("share", "1", 0.0, (0, 1.5), "share of the rounding that is corrected", 0.5),)
     start_values = ((1.0,),)
 
     def missing(self, data: Observations) -> str:

@@ -242,7 +242,8 @@ def _determine(
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
     small = limits(fitted, looked, candidates=candidates, missing=missing, visible=visible)
     bias = small.possible_bias
-    local = force.unknown or any({"x", "y"} & set(e.seen_in) for e in catalogue if e.key in candidates)
+    zones = {e.key for e in catalogue if e.searched > 1 and "x" in e.seen_in}
+    local = force.unknown or zones & set(candidates)
     contrast = press_contrast(base, force.searched.first.covariates, level=LEVEL) if local else None
     again = press_again(force.odd, contrast)
     open_sets = [tuple(Candidate.of_fit(*one) for one in fits.items()) for fits in own]
