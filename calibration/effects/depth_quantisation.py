@@ -2,8 +2,8 @@
 
     w -> w - s (w - w_c),    w_c the course of the depths in time, a polynomial of each ramp
 
-s is 1 where the course is right; the steps of plateaus have no course and stay. Range: s up to 1.5, steps above .004
-mm; vanishes at s = 0. Source: definition.
+s is 1 where the course is right; the steps of plateaus have no course and stay. Range: s up to 1.5, steps above
+.004 mm; vanishes at s = 0. Source: definition.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     w -> w - d frac(s/L) in loading,  w + d frac(s/L) in unloading
 
-s is the travel since the press began, or since it turned back, frac the part after the point. Range: d up to .1
-mm, L from .04 mm to the largest depth; vanishes at d = 0. Slips at places of chance have no such form; they
-show as more scatter while loading. The fit begins at many lengths, whose number counts as parameters do
-(`searched`). Source: Bowden and Leben, Proc. R. Soc. A 169 (1939) 371.
+s is the travel since the press began, or since it turned back, frac the part after the point, by the first
+HARMONICS of its series. Range: d up to .1 mm, L from .04 mm to the largest depth; vanishes at d = 0. Slips at
+places of chance have no such form; they show as more scatter while loading. The fit begins at many lengths, whose
+number counts as parameters do (`searched`). Source: Bowden and Leben, Proc. R. Soc. A 169 (1939) 371.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from tactilevision.records.measured import Floats
 
 FINEST_MM = 0.04  # shortest travel between two jumps, mm
 LENGTHS = 48  # at which the fits begin, 5 % apart: over ten jumps half a length is wrong by that much
+HARMONICS = 4  # of the saw tooth, which leave a twentieth of its height (rms)
 MIN_PLACES = 12  # distinct depths: four for each number of the wave
 
 
@@ -66,8 +67,15 @@ class SlipStick(EffectBase):
         smooth, back = denoised_depth(data), unloading(data)
         deepest = np.maximum.reduceat(smooth, data.first)[data.press]
         travel = np.where(back, deepest - smooth, smooth - smooth[data.first][data.press])
-        lag = values[0] * np.mod(np.maximum(travel, 0.0) / values[1], 1.0)
+        lag = values[0] * _teeth(np.maximum(travel, 0.0) / values[1])
         return state.plus(depth_mm=np.where(back, lag, -lag))
+
+
+def _teeth(turns: Floats) -> Floats:
+    """Return the part of the turns (N,) after the point, smooth enough for a fit."""
+    n = np.arange(1, HARMONICS + 1)
+    waves = np.sin(2 * np.pi * np.multiply.outer(turns, n)) / n
+    return np.asarray(0.5 - waves.sum(axis=1) / np.pi)
 
 
 def _longest(data: Observations) -> float:
