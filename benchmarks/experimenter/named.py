@@ -29,7 +29,7 @@ RIGHT: Mapping[str, frozenset[str]] = {
     "gent": frozenset({"stiffening"}),
     "adhesion": frozenset({"adhesion"}),
     "noise_grows": frozenset({"noise_grows", "flag:noise_grows", "verdict:ADEQUATE"}),
-    "swelling": frozenset({"swelling", "verdict:UNKNOWN"}),
+    "swelling": frozenset({"depth_drift", "verdict:UNKNOWN"}),
 }
 NO_ALARM = frozenset(
     {"few_presses", "clock_uncertain", "one_depth", "curves_not_used"}

@@ -16,12 +16,12 @@ from tactilevision.errors import InputError
 
 # key and file of each effect; its class has the same name in capitals
 CATALOGUE = (
-    *("depth_quantisation", "depth_zero", "bevel_rise", "force_bias", "force_drift", "zero_creep"),
-    *("force_hysteresis", "force_travel", "force_jump", "force_gain", "gain_drift", "sensor_creep"),
-    *("force_crosstalk", "clock_offset", "backlash", "screw_error", "slip_stick", "clock_rate", "force_filter"),
-    *("tilt", "edge_fillet", "backing_compliance", "lateral_boundary", "soft_zone", "cut_contact", "thickness"),
-    *("thickness_wedge", "skin", "friction", "adhesion", "viscoelasticity", "poroelasticity", "recovery"),
-    *("mullins", "stiffening", "ageing", "modulus_change", "temperature"),
+    *("depth_quantisation", "depth_zero", "depth_drift", "permanent_set", "bevel_rise", "force_bias"),
+    *("force_drift", "zero_creep", "force_hysteresis", "force_travel", "force_jump", "force_gain", "gain_drift"),
+    *("sensor_creep", "force_crosstalk", "clock_offset", "backlash", "screw_error", "slip_stick", "clock_rate"),
+    *("force_filter", "tilt", "edge_fillet", "backing_compliance", "lateral_boundary", "soft_zone"),
+    *("cut_contact", "thickness", "thickness_wedge", "skin", "friction", "adhesion", "viscoelasticity"),
+    *("poroelasticity", "recovery", "mullins", "stiffening", "ageing", "modulus_change", "temperature"),
     *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
 
