@@ -4,7 +4,7 @@
 
 is the relative stiffness of a press, from its residual r, the model's force f and the samples' noise b. The
 presses are divided at the value of the covariate with the largest sum of squares between both groups, at least two
-in each.
+in each; both differ by three standard deviations or more.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.refit import TOLD_APART
 from calibration.diagnosis.score_test import Scored
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import covariates
@@ -71,6 +72,9 @@ def press_contrast(fitted: Fit, scored: Sequence[Scored], *, level: float) -> Pr
     few, others = (high, low) if high.size <= low.size else (low, high)
     within = np.concatenate([gain[few] - gain[few].mean(), gain[others] - gain[others].mean()])
     std = float(np.sqrt(np.sum(within**2) / (gain.size - 2) * (1 / few.size + 1 / others.size)))
+    relative = float((1 + gain[few].mean()) / (1 + gain[others].mean()) - 1)
+    if abs(relative) < TOLD_APART * std:  # a smooth dependence, or one within the presses
+        return None
     at = float(values[low].max() + values[high].min()) / 2
     unit = along.unit.removeprefix("log10").strip()
     return PressContrast(
@@ -79,6 +83,6 @@ def press_contrast(fitted: Fit, scored: Sequence[Scored], *, level: float) -> Pr
         float(10**at) if unit != along.unit else at,
         few is high,
         tuple(fitted.data.presses.label[k] for k in sorted(few)),
-        float((1 + gain[few].mean()) / (1 + gain[others].mean()) - 1),
+        relative,
         std,
     )
