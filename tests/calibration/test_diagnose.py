@@ -119,12 +119,12 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
     whole = getattr(where, fails)
     asked = []
 
-    def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect) -> object:
+    def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect, **how: bool) -> object:
         effect = (rest or (what.effect if isinstance(what, Candidate) else what,))[0]
         asked.append(effect.key)
         if effect.key == (asked[0] if fails in ("adopt", "skill") else "depth_zero"):
             raise fault
-        return whole(fitted, what, *rest)
+        return whole(fitted, what, *rest, **how)
 
     monkeypatch.setattr(where, fails, failing)
     data = presses(8)
