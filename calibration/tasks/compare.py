@@ -85,14 +85,19 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
 def with_far_held_out(result: CalibrationResult, fitted: Fit) -> CalibrationResult:
     """Return the result with a warning where presses held out are off by more than they differ from each other.
 
-    By F of the two mean squares at FAR. The error of a press is common to its samples, so that each has as many
-    degrees of freedom as presses of equal weight: (sum s^2)^2 / sum s^4, s^2 the squares expected of a press.
-    Source: Satterthwaite, Biometrics 2 (1946) 110.
+    What points differ by includes their indenters' stated height errors, which repeats share. By F of the two mean
+    squares at FAR. The error of a press is common to its samples, so that each has as many degrees of freedom as
+    presses of equal weight: (sum s^2)^2 / sum s^4, s^2 the squares expected of a press. Source: Satterthwaite,
+    Biometrics 2 (1946) 110.
     """
     from scipy.special import fdtrc
 
-    squares = np.bincount(fitted.data.press, fitted.noise.std_N(fitted.about) ** 2)
-    floor_N = max(result.noise_floor_N, ROUNDING * float(np.max(np.abs(fitted.force_N))))
+    data, about = fitted.data, fitted.about
+    squares = np.bincount(data.press, fitted.noise.std_N(about) ** 2)
+    heights = np.array([0.0 if data.is_curves else one.height_std_mm for one in data.indenters])
+    shared_N = float(np.sqrt(np.mean((about.slope_N_per_mm * heights[data.presses.indenter[data.press]]) ** 2)))
+    least = ROUNDING * float(np.max(np.abs(fitted.force_N)))
+    floor_N = max(float(np.hypot(result.noise_floor_N, shared_N)), least)
     dof, ratio = float(squares.sum() ** 2 / max((squares**2).sum(), TINY)), result.held_out_N / floor_N
     if not (np.isfinite(ratio) and fdtrc(dof, dof, ratio**2) < FAR):
         return result
