@@ -172,6 +172,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "diagnose hidden_rig": Case(_diagnose(RIG)),
     "diagnose hidden_unknown": Case(_diagnose(SAMPLES / "hidden_unknown")),
     "diagnose hidden_shadow": Case(_diagnose(SAMPLES / "hidden_shadow")),
+    "diagnose hidden_force": Case(_diagnose(SAMPLES / "hidden_force")),
     "compare hidden_material": Case(_compare),
     "validate paper_points": Case(_validate(SAMPLES / "paper_points")),
     "train polynomial": Case(_train(RIG, "polynomial")),
