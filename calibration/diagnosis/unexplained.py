@@ -80,7 +80,7 @@ def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None
 
 
 def remainders(fitted: Fit, left: ScoreTest, *, level: float) -> list[Remainder]:
-    """Return the residual over each covariate and as each instrument error that is significant at this level."""
+    """Return the residual over each covariate that is significant at this level."""
     keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
     return _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
 

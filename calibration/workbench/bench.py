@@ -229,7 +229,7 @@ class Shown:
 
 @dataclass(slots=True)
 class Known:
-    """What is known of a state: evidence, instrument errors to try (None: not looked for yet), and the verdict."""
+    """What is known of a state: evidence, effects to try (None: not looked for yet), and the verdict."""
 
     evidence: tuple[Evidence, ...] = ()
     suggested: tuple[str, ...] | None = None
