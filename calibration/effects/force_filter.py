@@ -2,8 +2,9 @@
 
     tau dP_r/dt = P - P_r,    P_r the reading, which begins each press at rest
 
-On a ramp it looks like a clock offset of tau; at corners it rounds. Range: tau up to 2 s; vanishes at tau = 0.
-Source: definition.
+On a ramp it looks like a clock offset of tau; at corners it rounds. Between the frames of a camera that does not
+show: forces by pictures are compared with an offset alone. Range: tau up to 2 s; vanishes at tau = 0. Source:
+definition.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class ForceFilter(EffectBase):
     separated_by = ("the end of a ramp, sampled finely", "the filter's setting")
     source = "definition"
     order = 64
+    acts_on = "punch"
     largest = 0.5
     check = ManualCheck("read the filter's setting on the force sensor, or tap it and look at the decay", 3, 0.005)
     parameters = (Parameter("tau_s", "s", 0.0, (0, 2.0), "time constant of the filter", 0.02),)
