@@ -222,7 +222,7 @@ Licence: as the project (MIT).
 """
 
 
-def main(arguments: Sequence[str]) -> None:
+def write_sample(arguments: Sequence[str]) -> None:
     """Write the sample in place of what is there."""
     folder = Path(arguments[0] if arguments else "sample_frames") / "hidden_force"
     shutil.rmtree(folder, ignore_errors=True)
@@ -238,4 +238,4 @@ def main(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    write_sample(sys.argv[1:])
