@@ -84,7 +84,7 @@ def calibrate(
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     result = with_far_held_out(result, again)
     if test and isinstance(chosen, FlatPunch):
-        result = with_model_test(result, again, command=_diagnose(sets))
+        result = _reduced_as_far(result, with_model_test(result, again, command=_diagnose(sets)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
@@ -102,6 +102,16 @@ def calibrate(
 def _diagnose(sets: Sequence[Measured]) -> str:
     """Return the command that searches these recordings for the cause."""
     return shlex.join(["tactilevision", "diagnose", *(as_path(str(one.recording.path)) for one in sets)])
+
+
+def _reduced_as_far(before: CalibrationResult, after: CalibrationResult) -> CalibrationResult:
+    """Return the result with the interval of E/(1 - nu^2) widened by the share by which that of E was."""
+    old, new = before.youngs_modulus.interval95, after.youngs_modulus.interval95
+    reduced = after.reduced_modulus
+    if old is None or new is None or reduced.interval95 is None or not min(old) > 0:
+        return after
+    low, high = (end * new[k] / old[k] for k, end in enumerate(reduced.interval95))
+    return replace(after, reduced_modulus=replace(reduced, interval95=(low, high)))
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
