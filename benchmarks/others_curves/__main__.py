@@ -72,7 +72,7 @@ def _kept(log: Path | None) -> dict[Task, Row]:
 def _line(row: Row) -> str:
     hidden = " + ".join(row["sizes"]) or "nothing"
     left, screened = (", ".join(f"{k} {p:.2g}" for k, p in row.get(name, [])[:2]) for name in ("left", "screen_p"))
-    end = " ".join(str(row[name]) for name in ("plain", "odd", "wanders", "failed") if row.get(name))
+    end = " ".join(str(row[name]) for name in ("odd", "wanders", "failed") if row.get(name))
     noise = row["noise"] + ("" if row["stated"] else " unstated")
     return (
         f"{row['kind']} {row['seed']} {noise} {row['presses']} presses: {hidden} ({row['strength']:.0f} sigma) -> "

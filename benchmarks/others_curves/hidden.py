@@ -42,6 +42,13 @@ OUTSIDE: Mapping[str, tuple[float, float]] = {
     "bubble": (0.05, 0.12),
     "vibration": (0.01, 0.03),
 }
+NAMES: Mapping[str, str] = {  # of those outside that are effects by now
+    "periodic_stage": "screw_error",
+    "creep_of_sensor": "zero_creep",
+    "backlash": "backlash",
+    "drift_of_zero": "force_drift",
+    "jump_of_zero": "force_jump",
+}
 FINE = 4  # steps of memory between two samples
 CROSS = 0.3  # of the normal force: std of the tangential one
 

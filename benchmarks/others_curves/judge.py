@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.others_curves.hidden import NAMES
 from benchmarks.others_curves.recording import Made, make
 from benchmarks.others_curves.strength import SEEN, TOLD_APART
 from calibration.inputs.gather import observe_curves
@@ -187,11 +188,18 @@ def _of_near(rows: Sequence[Row]) -> list[str]:
 
 def _of_outside(rows: Sequence[Row]) -> list[str]:
     lines = []
+    known = [r for r in rows if set(r["sizes"]) <= set(NAMES)]
+    rows = [r for r in rows if r not in known]
+    lines.append(share("an instrument's error: in the set", [_right(r) for r in known]))
     for name, mine in (("", rows), (", where it matters", [r for r in rows if _matters(r)])):
         named = [r["verdict"] in ("IDENTIFIED", "AMBIGUOUS") for r in mine]
         lines.append(share(f"outside{name}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in mine]))
         lines.append(share(f"outside{name}: wrongly named", named))
     return lines
+
+
+def _right(row: Row) -> bool:
+    return {NAMES[key] for key in row["sizes"]} <= set(row.get("set", ()))
 
 
 def _holds(row: Row, name: str) -> bool:

@@ -32,7 +32,6 @@ from calibration.fit.repeats import LEVEL
 from calibration.result.result import CalibrationResult, ModelTest, Suspect
 
 INSUFFICIENT = "model_insufficient"  # the flag of a model that the test rejects
-BEND = "bend_within_theory"  # the flag of a curvature that theory allows
 SEED = 0  # of the bootstrap: a result is the same on every run
 NAMED = 3  # suspects named in a sentence
 
@@ -53,7 +52,7 @@ def with_model_test(result: CalibrationResult, fitted: Fit, *, command: str) -> 
     turn, test = searched.rounds[-1], searched.rounds[-1].score_test
     if searched.start is not searched.base:
         E = holding(result.youngs_modulus, identify(searched.start).youngs_modulus.interval95)
-        result = over_bend(replace(result, youngs_modulus=E).noted(flags=[BEND]), searched)
+        result = over_bend(replace(result, youngs_modulus=E).noted(flags=[decision.BEND]), searched)
     if test.family_p > LEVEL:
         return replace(result, model_test=ModelTest(test.family_p))
     odd = decision.odd_presses(searched, LEVEL).presses

@@ -27,6 +27,7 @@ from tactilevision.records.measured import Floats
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 CORRECTED = 0.5  # the same where the last effect has a treatment: its form need only name the cause
 STRANGE_BETA = {"beta_outside_theory", AT_BOUND}  # flags of a slope that is not the contact's
+BEND = "bend_within_theory"  # the flag of a curvature that theory allows
 NOTHING_ODD = OutlyingPresses()
 
 
@@ -111,7 +112,7 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
     """Return whether the steps of a search stand, by points 4a and 4b of `decide`."""
     left, steps = searched.last.lack_of_fit, searched.steps
     over = remainder(searched.current, searched.last, level=level) if left <= level else None
-    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
+    flags = [BEND] if getattr(searched.current.model.law, "bent", False) else []
     flags += ["press_stands_out"] if odd.presses else []
     flags += ["presses_wander"] if odd.wanders else []
     flags += ["presses_scatter"] if odd.scattered else []

@@ -142,7 +142,7 @@ class UnexplainedMisfit:
 class OddPresses:
     """Presses unlike the others; those `set_aside`, and the verdict `without` them.
 
-    `contrast`: presses that differ over a covariate, where that is not explained by an effect of another name.
+    `contrast`: presses that differ over a covariate, of an UNKNOWN or of a soft zone.
     """
 
     odd: OutlyingPresses = field(default_factory=OutlyingPresses)

@@ -284,15 +284,14 @@ def _rate(plan: NextMeasurement) -> float:
 
 def press_again(odd: OutlyingPresses, contrast: PressContrast | None = None) -> tuple[NextMeasurement, ...]:
     """Return the repetition of presses that are unlike the others."""
+    found = list[NextMeasurement]()
     if contrast is not None and contrast.covariate in PLACES:
         where = f"{contrast.covariate} = {contrast.at:.2g} {contrast.unit}"
         action = f"press again on both sides of {where}, and look at the pad there against the light"
-        return (NextMeasurement(action, 5),)
+        found.append(NextMeasurement(action, 5))
     if odd.presses:
-        names = ", ".join(odd.presses)
-        action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
-    elif odd.wanders:
-        action, minutes = "repeat the first press after the last one: is it still the same?", 3
-    else:
-        return ()
-    return (NextMeasurement(action, minutes),)
+        action = f"press {', '.join(odd.presses)} again: the same indenter at the same place"
+        found.append(NextMeasurement(action, 2.0 * len(odd.presses)))
+    elif odd.wanders and not found:
+        found.append(NextMeasurement("repeat the first press after the last one: is it still the same?", 3))
+    return tuple(found)

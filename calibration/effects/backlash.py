@@ -7,7 +7,7 @@ Range: |d| up to .2 mm; vanishes at d = 0. Source: definition.
 
 from __future__ import annotations
 
-from calibration.effects.force_hysteresis import unloading
+from calibration.inputs.denoised_depth import unloading
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats

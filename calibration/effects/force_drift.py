@@ -9,9 +9,7 @@ first to last, k the share of S after which it settles; a large k is an even dri
 
 from __future__ import annotations
 
-import numpy as np
-
-from calibration.inputs.conditions import missing_times, running_share
+from calibration.inputs.conditions import missing_times, settling_share
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -42,5 +40,4 @@ class ForceDrift(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the drift."""
-        grown = np.expm1(-running_share(data) / values[1]) / np.expm1(-1 / values[1])
-        return state.plus(force_N=values[0] * grown)
+        return state.plus(force_N=values[0] * settling_share(data, values[1]))

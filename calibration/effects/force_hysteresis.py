@@ -8,12 +8,10 @@ Source: definition.
 
 from __future__ import annotations
 
-import numpy as np
-
-from calibration.inputs.denoised_depth import UNLOAD, branches
+from calibration.inputs.denoised_depth import unloading
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
-from tactilevision.records.measured import Bools, Floats
+from tactilevision.records.measured import Floats
 
 
 class ForceHysteresis(EffectBase):
@@ -38,8 +36,3 @@ class ForceHysteresis(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the force of the way back."""
         return state.plus(force_N=values[0] * unloading(data))
-
-
-def unloading(data: Observations) -> Bools:
-    """Return which samples (N,) are in unloading, by branch: the deepest reading of a hold is noise."""
-    return np.asarray(branches(data) == UNLOAD)

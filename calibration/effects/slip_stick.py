@@ -14,8 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects.force_hysteresis import unloading
-from calibration.inputs.denoised_depth import denoised_depth
+from calibration.inputs.denoised_depth import denoised_depth, unloading
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.measured import Floats

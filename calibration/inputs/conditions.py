@@ -168,6 +168,14 @@ def running_share(data: Observations) -> Floats:
     return np.asarray(passed / passed.max())
 
 
+def settling_share(data: Observations, settles: float) -> Floats:
+    """Return the share (N,) of a drift over the running time that settles after the share `settles` of it.
+
+    (1 - exp(-s/k)) / (1 - exp(-1/k)),    s the share of the running time, k = `settles`
+    """
+    return np.asarray(np.expm1(-running_share(data) / settles) / np.expm1(-1 / settles))
+
+
 def running_s(data: Observations) -> Floats:
     """Return the running time of the rig at each sample (N,), s; a longer pause counts as PAUSE_S."""
     order = np.argsort(data.time_s, kind="stable")

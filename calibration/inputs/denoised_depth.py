@@ -47,6 +47,11 @@ def branches(data: Observations) -> Ints:
     return np.where(known >= 0, known, found)
 
 
+def unloading(data: Observations) -> Bools:
+    """Return which samples (N,) are in unloading, by branch: the deepest reading of a hold is noise."""
+    return np.asarray(branches(data) == UNLOAD)
+
+
 def after_deepest(data: Observations) -> Bools:
     """Return which samples (N,) follow the deepest of their press."""
     after = np.zeros(data.size, dtype=bool)

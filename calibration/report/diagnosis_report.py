@@ -332,7 +332,7 @@ def _bias(share: float | None) -> str:
 
 MANY = 8  # presses that are all named
 NEAR = 0.1  # least share of a misfit, of an interval or of its widening that is reported
-SHARES = ("relative", "gain")  # parameters given in per cent
+SHARES = ("relative", "gain", "softer")  # parameters given in per cent
 
 
 def verdict_sentence(found: Diagnosis) -> str:

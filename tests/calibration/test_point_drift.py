@@ -72,7 +72,9 @@ def test_presses_that_differ_with_the_speed_are_named_where_no_effect_explains_t
     assert contrast is not None
     assert contrast.presses == tuple(f"p{k}" for k in range(0, 12, 2))
     assert contrast.relative == pytest.approx(1 / (1 - 0.025) - 1, abs=0.006)
-    assert "(rate > 0.14 mm/s) are 3 ± 0.2 % stiffer than the others" in verdict_sentence(found)
+    assert (contrast.covariate, contrast.unit, contrast.above) == ("rate", "mm/s", True)
+    assert 0.1 < contrast.at < 0.2
+    assert all(label in verdict_sentence(found) for label in contrast.presses)
 
 
 def test_one_session_is_sorted_by_its_order_alone() -> None:
