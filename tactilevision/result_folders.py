@@ -16,7 +16,15 @@ from calibration.effects.private import load_effect
 from calibration.inputs.deadline import NEVER, Deadline
 from calibration.model.stages import Effect
 from calibration.report.diagnosis_report import diagnosis_page
-from calibration.report.figures import FigureFolder, of_fit, of_history, of_presses
+from calibration.report.figures import (
+    USUAL,
+    FigureChoice,
+    FigureFolder,
+    of_fit,
+    of_history,
+    of_presses,
+    shown_presses,
+)
 from calibration.report.report import calibration_page, comparison_page
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
@@ -67,7 +75,7 @@ def _found(folder: Path, names: Sequence[str], figures: Sequence[str]) -> list[P
 
 
 def write_calibrations(
-    outcomes: Sequence[Calibrated], out: Path, *, law: str, form: str, listener: Listener
+    outcomes: Sequence[Calibrated], out: Path, *, law: str, choice: FigureChoice, listener: Listener
 ) -> tuple[HistoryRow, ...]:
     """Write tables, calibration.json, figures and the report of each; return how the stiffness has changed.
 
@@ -80,7 +88,7 @@ def write_calibrations(
         for number, outcome in enumerate(outcomes, start=1):
             older = f"{number:02d}_{plain_name(outcome.certified.recording.name)}"
             place = Path() if outcome is outcomes[-1] else Path(older)
-            _write_calibration(outcome, FigureFolder(stage / place, form), listener)
+            _write_calibration(outcome, FigureFolder(stage / place, choice), listener)
             if not _holds_a_recording(out / place):
                 _describe(outcome.certified, stage / place)
         measured = [one.certified.measured for one in outcomes if one.result is not None]
@@ -88,7 +96,7 @@ def write_calibrations(
             rows = history(measured, law=law)
             flat = [row.as_row() for row in rows]
             write_table(stage / "history.csv", {column: [row[column] for row in flat] for column in flat[0]})
-            of_history(rows, FigureFolder(stage, form))
+            of_history(rows, FigureFolder(stage, choice))
     return rows
 
 
@@ -106,7 +114,13 @@ def _write_calibration(outcome: Calibrated, figures: FigureFolder, listener: Lis
             result,
             points=certified.points,
             fit=of_fit(result, certified.points, folder=figures) if result is not None else [],
-            presses=of_presses(certified.recording, certificate, folder=figures, progress=progress)
+            presses=of_presses(
+                certified.recording,
+                certificate,
+                shown=shown_presses(result, certificate.points, figures.choice),
+                folder=figures,
+                progress=progress,
+            )
             if certificate
             else [],
             notes=certified.warnings if result is None else (),
@@ -162,14 +176,16 @@ def write_history(history: History, folder: Path, out: Path) -> None:
 
 
 @contextmanager
-def _stage(out: Path, form: str, history: History, material: CalibrationResult | None) -> Iterator[FigureFolder]:
+def _stage(
+    out: Path, choice: FigureChoice, history: History, material: CalibrationResult | None
+) -> Iterator[FigureFolder]:
     """Stage the results of an analysis with its history and, where that is applied, its material."""
     with staged(out) as stage:
         write_history(history, stage, out)
         if history.applied:
             _keep_calibration(out, stage)
             _write_material(material, stage)
-        yield FigureFolder(stage, form)
+        yield FigureFolder(stage, choice)
     _forget_found(out)
 
 
@@ -184,7 +200,7 @@ def write_diagnosis(
     history: History,
     *,
     out: Path,
-    form: str,
+    choice: FigureChoice,
     private: Sequence[Effect],
     commands: Sequence[str],
     listener: Listener,
@@ -192,7 +208,7 @@ def write_diagnosis(
     """Write diagnosis.json, figures, page and history; return the content. `history.applied`: and the material."""
     reliefs = height_residuals(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in reliefs for c in one.covariates]}
-    with _stage(out, form, history, found.material.after) as folder:
+    with _stage(out, choice, history, found.material.after) as folder:
         write_json(folder.path / "diagnosis.json", content)
         with listener.progress_bar("drawing") as progress:
             page = diagnosis_page(
@@ -215,7 +231,7 @@ class Search:
 
 
 def diagnose_as(
-    asked: History, how: Search, *, out: Path, form: str = "png", listener: Listener
+    asked: History, how: Search, *, out: Path, choice: FigureChoice = USUAL, listener: Listener
 ) -> tuple[Diagnosis, dict[str, Any], list[str]]:
     """Diagnose a history's recordings into `out`; return the diagnosis, what was written, and commands to try."""
     taken = certify_recordings(asked.recordings, scale_doubt=False, cluster=how.cluster, listener=listener)
@@ -227,7 +243,7 @@ def diagnose_as(
     history = history_of(asked, [*steps, *steps_of_comparison(as_comparison(found), how.files)])
     commands = commands_after_diagnosis(found, asked, how.files)
     content = write_diagnosis(
-        found, taken, history, out=out, form=form, private=how.private, commands=commands, listener=listener
+        found, taken, history, out=out, choice=choice, private=how.private, commands=commands, listener=listener
     )
     return found, content, commands
 
@@ -268,12 +284,12 @@ def write_comparison(
     history: History,
     *,
     out: Path,
-    form: str = "png",
+    choice: FigureChoice = USUAL,
     try_next: Sequence[tuple[str, str]] = (),
     listener: Listener,
 ) -> None:
     """Write comparison.json, figures, page and history. `history.applied`: and the last model's material."""
-    with _stage(out, form, history, found.models[-1].material) as folder:
+    with _stage(out, choice, history, found.models[-1].material) as folder:
         _fill_comparison(found, folder, listener, try_next=try_next)
 
 
@@ -292,7 +308,7 @@ def _fill_comparison(
 
 
 def follow_steps(
-    history: History, folder: Path, private: Sequence[Path] | None, *, form: str, listener: Listener
+    history: History, folder: Path, private: Sequence[Path] | None, *, choice: FigureChoice, listener: Listener
 ) -> None:
     """Make the folder's results those of the steps: as they were found where all stand, else fitted anew."""
     found = folder / FOUND
@@ -302,7 +318,7 @@ def follow_steps(
         if whole:
             shutil.copytree(found, stage, dirs_exist_ok=True)
         else:
-            _refit(history, folder, FigureFolder(stage, form), private=private, listener=listener)
+            _refit(history, folder, FigureFolder(stage, choice), private=private, listener=listener)
             if not found.is_dir():
                 for path in _found(folder, names, FIGURES):
                     _copy(path, stage / FOUND / path.relative_to(folder))

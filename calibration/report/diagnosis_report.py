@@ -22,6 +22,7 @@ from calibration.report import drawing, figures, page, wording
 from calibration.report.drawing import ResidualMap
 from calibration.report.figures import FigureFolder
 from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
+from calibration.report.report import all_presses
 from calibration.report.wording import in_words
 from calibration.tasks.compare import as_comparison
 from tactilevision.errors import InputError
@@ -146,7 +147,7 @@ def _misfit(
         *figures.keep_odd_presses(found, folder),
         *figures.keep_presses(curves, base.data.gel.thickness_mm, folder),
         *figures.keep_strips(residual_strips(fits, scored), folder),
-        page.folded("Every press", *figures.keep_every_press(curves, folder, progress)),
+        all_presses(curves, folder, progress),
     ]
     depth = figures.keep_reconstructed_depth(found, reliefs, folder)
     if found.effects and not named:
@@ -250,7 +251,8 @@ def _about(key: str) -> Effect | None:
 
 def _card(key: str, candidate: Candidate | None, found: Diagnosis, folder: FigureFolder) -> str:
     about, rows = _about(key), [] if candidate is None else _sizes(candidate)
-    picture = "" if candidate is None else figures.keep_overlay(found.fits.base, candidate, folder)
+    shown = candidate is not None and (folder.choice.every_press or key not in found.search.tried)
+    picture = figures.keep_overlay(found.fits.base, candidate, folder) if candidate is not None and shown else ""
     for added in (one for one in found.effects if one.key == key):
         rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
         rows += [("p-value", wording.p_value(added.p_adjusted)), *_fall_of(found, key)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from calibration.report.drawing import ResidualMap, overlay
 from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow
+from calibration.tasks.compare import rms_of_presses
 from tactilevision.errors import RecordingError
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, diagnosis as draw, misfit, style
@@ -35,17 +36,37 @@ from tactilevision.sensors.rectification import rectify
 
 
 @dataclass(frozen=True, slots=True)
+class FigureChoice:
+    """Which figures are drawn, and how.
+
+    `form`: one of style.FORMS, written next to the PNG. `presses`: "all" of them, a "few" (the rejected ones and
+    those that fit worst), or "none".
+    """
+
+    form: str = "png"
+    presses: str = "few"
+
+    @property
+    def every_press(self) -> bool:
+        """Return whether each press is drawn."""
+        return self.presses == "all"
+
+
+USUAL = FigureChoice()  # PNG, a few presses
+
+
+@dataclass(frozen=True, slots=True)
 class FigureFolder:
-    """The folder of a report's figures, each as PNG, and in `form` where that is another."""
+    """The folder of a report's figures, and the choice of them."""
 
     path: Path
-    form: str = "png"
+    choice: FigureChoice = USUAL
 
     def keep(self, figure: Figure, name: str, *, caption: str = "") -> str:
         """Write a figure as NAME.png, and return it as HTML for the report."""
         path = self.path / name
-        style.save_figure(figure, path, form=self.form)
-        return page.figure(style.data_uri(path), caption)
+        style.save_figure(figure, path, form=self.choice.form)
+        return page.figure(style.data_uri(path, photograph=style.holds_photographs(figure)), caption)
 
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[str]:
@@ -76,14 +97,36 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> str:
     return folder.keep(drawn, "material.png", caption=words)
 
 
+WORST = 3  # accepted presses whose pictures are drawn among a few: those with the largest residuals
+
+
+def shown_presses(
+    result: CalibrationResult | None, points: Sequence[CertifiedPoint], choice: FigureChoice
+) -> set[str]:
+    """Return the presses to draw: of a few, the rejected ones and the accepted ones with the largest residuals."""
+    if choice.presses == "none":
+        return set()
+    if choice.every_press or result is None:
+        return {point.press for point in points}
+    fitted = result.fitted
+    errors = dict(zip(fitted.data.presses.label, rms_of_presses(fitted).tolist(), strict=True))
+    worst = sorted(errors, key=errors.__getitem__, reverse=True)[:WORST]
+    return {point.press for point in points} - set(errors) | set(worst)
+
+
 def of_presses(
-    recording: Recording, certificate: Certificate, *, folder: FigureFolder, progress: Progress
+    recording: Recording,
+    certificate: Certificate,
+    *,
+    shown: Collection[str],
+    folder: FigureFolder,
+    progress: Progress,
 ) -> list[str]:
-    """Draw each press that has evidence."""
+    """Draw each of the presses `shown` that has evidence."""
     pictures = []
     for number, point in enumerate(certificate.points, start=1):
         evidence = certificate.evidence.get(point.press)
-        if evidence is not None:
+        if evidence is not None and point.press in shown:
             rgb = None
             if evidence.frame_index is not None:
                 try:
@@ -157,7 +200,7 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
 
 def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[str]:
     """Draw sheets of all presses, or of those with the largest differences where they are very many."""
-    if not curves.whole:
+    if not (curves.whole and folder.choice.every_press):
         return []
     shown = curves.most_changed(SHEET * SHEETS)
     sheets = [shown[k : k + SHEET] for k in range(0, len(shown), SHEET)]

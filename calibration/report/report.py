@@ -20,7 +20,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import KILO
-from tactilevision.records.misfit import ErrorFall
+from tactilevision.records.misfit import ErrorFall, ForceCurves
 
 # The page of a calibration: the material, its assumptions, excluded presses, and their pictures.
 
@@ -34,6 +34,7 @@ SOURCES = {
     "radii": "punches of several radii",
     "prior": "prior knowledge, not these data",
 }
+EVERY_PRESS = "The option --pictures all draws every press."
 ALSO = {"reduced_modulus": "reduced modulus"}
 MEANINGS = {
     "c": "force over depth P/w at first touch",
@@ -103,11 +104,15 @@ def calibration_page(
         page.section("Force against depth", *fit),
         details,
         page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")) if points else "",
-        page.folded(
-            f"Pictures of each press ({len(presses)}): frame, height map, signal of the bevel, force",
-            *presses,
-        ),
+        _pictures(presses, of=len(points)),
     )
+
+
+def _pictures(presses: Sequence[str], *, of: int) -> str:
+    """Return the pictures of presses, folded, and how to have those of all."""
+    every = "" if len(presses) == of else page.paragraph(EVERY_PRESS, kind="soft")
+    title = f"Pictures of {len(presses)} of {of} presses: frame, height map, signal of the bevel, force"
+    return page.folded(title, *presses, every) if of else ""
 
 
 def _head(result: CalibrationResult) -> str:
@@ -212,7 +217,7 @@ def comparison_page(
     moduli = {name: one.material.youngs_modulus for name, one in models.items() if one.material is not None}
     falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
     strips = residual_strips(fits, [one.covariates for one in found.models])
-    folded = page.folded(f"Every press ({data.count})", *figures.keep_every_press(curves, folder, progress))
+    folded = all_presses(curves, folder, progress)
     forces = figures.keep_presses(curves, data.gel.thickness_mm, folder)
     return page.page(
         f"Comparison of {', '.join(found.stated.recordings)}",
@@ -226,6 +231,12 @@ def comparison_page(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),
     )
+
+
+def all_presses(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> str:
+    """Return the figures of all presses, folded, or how to have them."""
+    drawn = figures.keep_every_press(curves, folder, progress)
+    return page.folded("Every press", *drawn) or page.paragraph(EVERY_PRESS if curves.whole else "", kind="soft")
 
 
 def _comparison_head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:

@@ -15,6 +15,7 @@ from calibration.effects.private import new_effect as write_template
 from calibration.inputs.deadline import Deadline
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
+from calibration.report.figures import FigureChoice
 from calibration.report.report import column
 from calibration.tasks.compare import Compared
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
@@ -57,6 +58,7 @@ def diagnose(
     cluster: console.ClusterOption = None,
     seed: Seed = 0,
     form: console.FormatOption = "png",
+    pictures: console.PicturesOption = "few",
     json: console.JsonOption = None,
     time_limit: TimeLimit = None,
 ) -> None:
@@ -65,7 +67,8 @@ def diagnose(
     (sure, sure_files), (own, own_files) = folders.named_effects(known), folders.named_effects(private)
     asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, applied=apply)
     diagnosis = folders.Search(own, sure, sure_files | own_files, deadline, workers, cluster)
-    found, content, commands = folders.diagnose_as(asked, diagnosis, out=out, form=form, listener=console)
+    choice = FigureChoice(form, pictures)
+    found, content, commands = folders.diagnose_as(asked, diagnosis, out=out, choice=choice, listener=console)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
     console.hand_over(content, json)
@@ -95,6 +98,7 @@ def compare(
     prior: console.PriorOption = True,
     seed: Seed = 0,
     form: console.FormatOption = "png",
+    pictures: console.PicturesOption = "few",
     json: console.JsonOption = None,
     time_limit: TimeLimit = None,
     left_out: Annotated[
@@ -109,7 +113,8 @@ def compare(
     found = folders.compare_as(asked, effects, deadline=deadline, listener=console)
     commands = folders.commands_after_comparison(found, asked, files)
     history = folders.history_of(asked, steps_of_comparison(found, files))
-    folders.write_comparison(found, history, out=out, form=form, try_next=commands, listener=console)
+    choice = FigureChoice(form, pictures)
+    folders.write_comparison(found, history, out=out, choice=choice, try_next=commands, listener=console)
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
     console.warn([*found.stated.warnings, *excluded])
     console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
@@ -137,6 +142,7 @@ def steps(
     redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
     private: Private = None,
     form: console.FormatOption = "png",
+    pictures: console.PicturesOption = "few",
 ) -> None:
     """Show the steps of an analysis, take one back, put one back; the folder's results follow.
 
@@ -146,7 +152,7 @@ def steps(
     if undo or redo:
         history = history.undo() if undo else history
         history = history.redo() if redo else history
-        folders.follow_steps(history, folder, private, form=form, listener=console)
+        folders.follow_steps(history, folder, private, choice=FigureChoice(form, pictures), listener=console)
     for number, step in enumerate(history.steps, start=1):
         console.say(f"{number}. + {step.key.replace('_', ' ')}: {_step_errors(step)}")
     for step in reversed(history.undone):

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from calibration.report.figures import FigureChoice
 from calibration.report.report import summary
 from calibration.result.result import in_words
 from calibration.tasks.plan import (
@@ -44,6 +45,7 @@ def calibrate(
     test: Annotated[bool, typer.Option("--test/--no-test", help="Test whether the law explains the data.")] = True,
     cluster: console.ClusterOption = None,
     form: console.FormatOption = "png",
+    pictures: console.PicturesOption = "few",
     json: console.JsonOption = None,
 ) -> None:
     """Certify each press, then fit Young's modulus and Poisson's ratio; writes tables, JSON and a report.
@@ -53,7 +55,7 @@ def calibrate(
     """
     paths = [path for given in recordings for path in find_recordings(given)]
     outcomes = calibrate_each(paths, law=law, prior=prior, test=test, cluster=cluster, listener=console)
-    for row in write_calibrations(outcomes, out, law=law, form=form, listener=console):
+    for row in write_calibrations(outcomes, out, law=law, choice=FigureChoice(form, pictures), listener=console):
         moved = "has changed" if row.moved else "no significant change"
         console.say(f"{row.date} {row.recording}: stiffness {100 * row.change:+.1f} % since the first, {moved}")
     latest = outcomes[-1]

@@ -28,6 +28,10 @@ FormatOption = Annotated[
         "--format", help="Also write each figure in this form; PNG is always written, and used in the report."
     ),
 ]
+PicturesOption = Annotated[
+    Literal["all", "few", "none"],
+    typer.Option("--pictures", help="Presses to draw; few: the rejected ones and those that fit worst."),
+]
 
 
 def _reached(context: typer.Context, address: str | None) -> str | None:

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -122,8 +123,8 @@ WIDTH_IN = 7  # the widest figure of a report: at 500 px its text is still 9 px 
 MAP_IN = (6, 6 * 3 / 4)  # width and height of a figure of one map, in
 ARROW = 0.003  # width of arrows on a map, as a share of the map's
 SPAN = (0.5, 99.5)  # percentiles of the values between which an axis or a colour scale reaches
-LOSSLESS = 101  # quality of a lossless WebP picture, as OpenCV states it
 PHOTO_QUALITY = 90  # of a lossy WebP picture, 0 to 100
+PNG_LEVEL = 3  # effort of compression from 0 to 9: half the time of 6 for a tenth more bytes
 LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
@@ -281,22 +282,26 @@ def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
     choose_fonts(figure)
     for one in dict.fromkeys((FORMS[0], form)):
         with replacing(Path(path).with_suffix(f".{one}")) as temporary:
-            figure.savefig(temporary, format=one)
+            packed: dict[str, Any] = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if one == FORMS[0] else {}
+            figure.savefig(temporary, format=one, **packed)
 
 
-def data_uri(path: Path | str) -> str:
-    """Return a PNG as a data URI of a WebP picture: lossless for drawings, lossy for photographs."""
-    import cv2
-    import numpy as np
+def data_uri(path: Path | str, *, photograph: bool) -> str:
+    """Return a PNG as a data URI of a WebP picture: of a photograph lossy, of a drawing lossless."""
+    from PIL import Image
 
-    written = np.frombuffer(Path(path).read_bytes(), np.uint8)  # OpenCV cannot open every name itself
-    pixels = cv2.imdecode(written, cv2.IMREAD_COLOR)
-    lossless, lossy = (
-        cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
-        for quality in (LOSSLESS, PHOTO_QUALITY)
+    packed = BytesIO()
+    how: dict[str, Any] = (
+        {"quality": PHOTO_QUALITY} if photograph else {"lossless": True, "quality": 0, "method": 1}
     )
-    small = lossy if 2 * len(lossy) < len(lossless) else lossless  # a photograph, or a drawing
-    return "data:image/webp;base64," + base64.b64encode(small).decode()
+    with Image.open(path) as picture:
+        picture.convert("RGB").save(packed, "webp", **how)
+    return "data:image/webp;base64," + base64.b64encode(packed.getvalue()).decode()
+
+
+def holds_photographs(figure: Figure) -> bool:
+    """Return whether a figure shows pictures or maps, which only a lossy encoding makes small."""
+    return any(axes.images for axes in figure.axes)
 
 
 def check_screen() -> None:

@@ -407,7 +407,8 @@ def write_surface_page(folder: Path | str, height: HeightMap, pictures: Sequence
 def surface_page(height: HeightMap, pictures: Sequence[Path] = ()) -> str:
     """Return the page of a map (H, W), in mm. Its text is escaped, and its data are numbers."""
     shown = "".join(
-        f'<figure><img alt="{escape(path.stem)}" src="{style.data_uri(path)}"></figure>' for path in pictures
+        f'<figure><img alt="{escape(path.stem)}" src="{style.data_uri(path, photograph=True)}"></figure>'
+        for path in pictures
     )
     parts = {
         "@NAME@": escape(height.name or "Height map"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from each import each
 
-from calibration.report.figures import keep_every_press
+from calibration.report.figures import FigureChoice, keep_every_press
 from tactilevision.plots import style, style as letters
 from tactilevision.plots.misfit import draw_presses
 from tactilevision.plots.style import LONGEST_LABEL, as_label, font_of, save_figure
@@ -56,7 +56,9 @@ def test_a_caption_names_presses_in_full() -> None:
     """A page wraps long words; a figure cannot."""
     names = [f"2026-11-24_sensor_a_punch_3_mm_run_{run:03d}" for run in (1, 2)]
     presses = tuple(PressCurve(n, n, 2.5, X, X, X, np.array([0.9 * X]), ("load",) * 12) for n in names)
-    folder: Any = SimpleNamespace(keep=lambda figure, name, *, caption: caption)
+    folder: Any = SimpleNamespace(
+        choice=FigureChoice(presses="all"), keep=lambda figure, name, *, caption: caption
+    )
     curves = ForceCurves(("plain law",), presses, whole=True)
     (caption,) = keep_every_press(curves, folder, lambda done, total, what="": None)
     assert set(names) <= set(str(caption).split("Presses ")[1].replace(". Black", " Black").split(" "))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactilevision.plots.style import data_uri, save_figure
+from tactilevision.plots.style import data_uri, holds_photographs, save_figure
 from tactilevision.records.measured import Bytes
 
 
@@ -27,7 +27,7 @@ def test_a_drawing_keeps_every_bit_and_takes_less_room(tmp_path: Path) -> None:
     axes.plot(np.sin(np.linspace(0, 9, 200)), "o-", label="drawn")
     axes.legend()
     save_figure(figure, tmp_path / "drawn.png")
-    uri = data_uri(tmp_path / "drawn.png")
+    uri = data_uri(tmp_path / "drawn.png", photograph=holds_photographs(figure))
     assert np.array_equal(decoded(uri), np.asarray(cv2.imread(str(tmp_path / "drawn.png"))))
     assert len(uri) < 0.8 * 4 / 3 * (tmp_path / "drawn.png").stat().st_size
 
@@ -37,6 +37,6 @@ def test_a_photograph_becomes_small_and_keeps_its_look(tmp_path: Path) -> None:
     smooth = 127 + 90 * np.sin(x / 60) * np.cos(y / 50)
     seen = smooth[..., None] + np.random.default_rng(0).normal(0, 2, (300, 400, 3))
     cv2.imwrite(str(tmp_path / "seen.png"), np.clip(seen, 0, 255).astype(np.uint8))
-    uri = data_uri(tmp_path / "seen.png")
+    uri = data_uri(tmp_path / "seen.png", photograph=True)
     assert len(uri) < 0.3 * (tmp_path / "seen.png").stat().st_size
     assert np.sqrt(np.mean((decoded(uri) - seen) ** 2)) < 4
