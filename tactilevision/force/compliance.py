@@ -16,15 +16,16 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uni
 from scipy.spatial.distance import cdist
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.files.cache import VERSION
 from tactilevision.files.opening import check_numbers
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries import (
     LOAD_MM,
+    SOLVED_AT,
     STATION_MM,
-    VERSION,
     SideTable,
     from_side,
-    side_table,
+    side_tables,
     station_shape,
 )
 from tactilevision.force.nodes import Cells, NodeGrid, Observation
@@ -41,12 +42,11 @@ from tactilevision.records.rig import Gel
 # that smooth part is discretised coarsely. E scales both; both are computed for one nu.
 
 POISSON_STEP = 1e-3  # step in Poisson's ratio of the compliance's derivative
-SIDE_POISSON_STEP = 4e-3  # the same of the sides, whose table has a relative error of some 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """Derivative of the layer's compliance by nu, and the sides for a smaller nu."""
+    """Derivatives by nu of the layer's compliance and of the sides'."""
 
     layer: CellCompliance
     sides: SideTable | None
@@ -106,8 +106,7 @@ class GelCompliance:
         layer = self.slopes.layer.block(cells, parts)
         if self.sides is None or self.slopes.sides is None:
             return layer
-        change = self.sides.block(cells, parts) - self.slopes.sides.block(cells, parts)
-        return np.asarray(layer + change / SIDE_POISSON_STEP)
+        return np.asarray(layer + self.slopes.sides.block(cells, parts))
 
 
 def gel_compliance(
@@ -127,13 +126,12 @@ def gel_compliance(
         )
     h = gel.thickness_mm
     layer = layer_cells(grid, thickness_mm=h, poisson_ratio=poisson_ratio)
-    table = side_table(gel, grid, poisson_ratio=poisson_ratio) if sides else None
-    lower, change = None, None
+    tables = side_tables(gel, grid, poisson_ratio=poisson_ratio) if sides else None
+    table, slope = tables or (None, None)
+    change = None
     if slopes:
         below = layer_cells(grid, thickness_mm=h, poisson_ratio=poisson_ratio - POISSON_STEP)
-        if table is not None:
-            lower = side_table(gel, grid, poisson_ratio=poisson_ratio - SIDE_POISSON_STEP)
-        change = Slopes(CellCompliance(grid, (layer.table - below.table) / POISSON_STEP), lower)
+        change = Slopes(CellCompliance(grid, (layer.table - below.table) / POISSON_STEP), slope)
     return GelCompliance(gel, poisson_ratio, layer, inside, table, change)
 
 
@@ -144,18 +142,18 @@ def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
     return np.asarray(from_side(gel, np.stack([x, y], axis=-1)) >= -ROUNDING)
 
 
-# A gel's compliance as arrays, since it takes a second, or half a minute with free sides. The key names all that
+# A gel's compliance as arrays, since it takes a second, or ten with free sides. The key names all that
 # the numbers depend on; arrays of another key are not used.
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_LOWER = "key", "layer", "layer_slope", "sides", "sides_lower"
+KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_SLOPE = "key", "layer", "layer_slope", "sides", "sides_slope"
 
 
 def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
     """Return all that is computed of a compliance with slopes, mm/MPa at modulus 1 MPa, any shape, and its key."""
     assert made.slopes is not None
     key = np.array(_key(made.gel, made.grid, made.poisson_ratio))
-    sides = {SIDES: made.sides, SIDES_LOWER: made.slopes.sides}
+    sides = {SIDES: made.sides, SIDES_SLOPE: made.slopes.sides}
     arrays = {KEY: key, LAYER: made.layer.table, LAYER_SLOPE: made.slopes.layer.table}
     return arrays | {name: one.table for name, one in sides.items() if one is not None}
 
@@ -170,11 +168,11 @@ def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float,
     cells = (2 * grid.shape[0] - 1) * (2 * grid.shape[1] - 1), 9
     sides = (3 * math.prod(station_shape(grid)),) * 2
     layer, slope = (CellCompliance(grid, _checked(arrays, name, cells, where)) for name in (LAYER, LAYER_SLOPE))
-    here, lower = (
+    here, change = (
         SideTable(grid, _checked(arrays, name, sides, where)) if name in arrays else None
-        for name in (SIDES, SIDES_LOWER)
+        for name in (SIDES, SIDES_SLOPE)
     )
-    return GelCompliance(gel, poisson_ratio, layer, on_gel(gel, grid), here, Slopes(slope, lower))
+    return GelCompliance(gel, poisson_ratio, layer, on_gel(gel, grid), here, Slopes(slope, change))
 
 
 def _checked(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -> npt.NDArray[Any]:
@@ -189,7 +187,7 @@ def _checked(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -
 def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:
     """Return all that the numbers depend on."""
     outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9)
-    steps = VERSION, WAVES, REACH, POISSON_STEP, SIDE_POISSON_STEP, STATION_MM, LOAD_MM
+    steps = VERSION, WAVES, REACH, POISSON_STEP, SOLVED_AT, STATION_MM, LOAD_MM
     return repr((*outline, grid.shape, grid.spacing_mm, *steps))
 
 

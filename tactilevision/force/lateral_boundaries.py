@@ -1,12 +1,10 @@
-"""Contribution of the gel's free sides to its compliance, by finite elements, as a table in a cache."""
+"""Contribution of the gel's free sides to its compliance, by finite elements, as tables in a cache."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,55 +12,14 @@ import numpy.typing as npt
 import skfem
 from scipy import sparse
 from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
 
-from tactilevision.errors import InputError, OutputError
-from tactilevision.files.arrays import read_arrays
-from tactilevision.files.writing import replacing
+from tactilevision.files.cache import kept
 from tactilevision.force.kernel import LayerStress, layer_stress
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
-
-# Cache of tables that take seconds to compute, under a hash of what they depend on. The folder is
-# $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that cannot be read
-# is computed anew; a folder that cannot be written to is ignored.
-
-VERSION = 1  # part of every hash: raise it when the numbers change
-
-
-def cache_folder() -> Path:
-    """Return the folder that keeps tables; it is made when something is written."""
-    own = os.environ.get("TACTILEVISION_CACHE")
-    if own:
-        return Path(own)
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root and Path(root).is_absolute() else Path.home() / ".cache") / "tactilevision"
-
-
-def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
-    digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
-    path = cache_folder() / f"{name}-{digest}.npz"
-    found = _read(path, repr(key))
-    if found is not None:
-        return found
-    made = make()
-    try:
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, table=made, key=np.array(repr(key)))
-    except OutputError:
-        pass
-    return made
-
-
-def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
-    try:
-        file = read_arrays(path)
-        return file["table"] if str(file["key"]) == key else None
-    except (OSError, KeyError, InputError):
-        return None
-
 
 # Finite elements of a nearly incompressible solid: quadratic displacement, linear discontinuous pressure.
 #
@@ -106,23 +63,77 @@ class GelMesh:
         """Unknowns that are not fixed at the base."""
         return self.numbers[:, self.above_base].ravel()
 
+    @property
+    def order(self) -> Indices:
+        """Places (3, levels above the base, N) of the unknowns among those that are not fixed."""
+        return np.arange(3 * self.above_base.sum() * self.face.N).reshape(3, -1, self.face.N)
+
+    @property
+    def wall(self) -> Indices:
+        """The wall's nodes (n,) among those of the face."""
+        return np.asarray(self.face.get_dofs().flatten())
+
 
 def stiffness(mesh: GelMesh, *, poisson_ratio: float) -> sparse.csc_array:
     """Return K of all unknowns, (3 K N, 3 K N), at modulus 1 MPa."""
+    shear, volume = stiffness_parts(mesh)
+    return combined(shear, volume, poisson_ratio=poisson_ratio)
+
+
+def combined(shear: sparse.csc_array, volume: sparse.csc_array, *, poisson_ratio: float) -> sparse.csc_array:
+    """Return mu times the one part of the stiffness and lambda times the other, at modulus 1 MPa."""
     mu = 1 / (2 * (1 + poisson_ratio))
     lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    return sparse.csc_array(mu * shear + lame * volume)
+
+
+def stiffness_parts(mesh: GelMesh) -> tuple[sparse.csc_array, sparse.csc_array]:
+    """Return the parts of K (3 K N, 3 K N) that mu and lambda multiply."""
     face, face_0, face_1 = (_integrals(mesh.face, (0, 1), degree) for degree in (None, 0, 1))
     line, line_0, line_1 = (_integrals(mesh.line, (2,), degree) for degree in (None, 0, 1))
     whole = [[sparse.kron(line[a][b], face[a][b]) for b in range(3)] for a in range(3)]
     trace = whole[0][0] + whole[1][1] + whole[2][2]
 
-    def block(i: int, j: int) -> Any:
-        """Return K_ij: 2 mu eps : eps = mu (u_i,j v_i,j + u_i,j v_j,i); P on 1, x, y (face) and on z (line)."""
-        volume = sparse.kron(line_0[i][j], face_1[i][j] - face_0[i][j]) + sparse.kron(line_1[i][j], face_0[i][j])
-        strain = whole[j][i] + trace if i == j else whole[j][i]
-        return mu * strain + lame * volume
+    def shear(i: int, j: int) -> Any:
+        """Return 2 eps : eps = u_i,j v_i,j + u_i,j v_j,i."""
+        return whole[j][i] + trace if i == j else whole[j][i]
 
-    return sparse.csc_array(sparse.block_array([[block(i, j) for j in range(3)] for i in range(3)]))
+    def volume(i: int, j: int) -> Any:
+        """Return P on 1, x, y (face) and on z (line)."""
+        return sparse.kron(line_0[i][j], face_1[i][j] - face_0[i][j]) + sparse.kron(line_1[i][j], face_0[i][j])
+
+    of_mu, of_lambda = (
+        sparse.csc_array(sparse.block_array([[part(i, j) for j in range(3)] for i in range(3)]))
+        for part in (shear, volume)
+    )
+    return of_mu, of_lambda
+
+
+# A gel is symmetric about both axes of its face, and so is its mesh. Displacements are sums of four parts, each
+# even or odd in x and in y; each part is a problem of its own, on a quarter of the unknowns.
+
+
+def symmetric_parts(mesh: GelMesh) -> Iterator[sparse.csr_array]:
+    """Yield orthonormal bases (free unknowns, about a quarter of them) of the displacements of each symmetry."""
+    places, levels = mesh.face.doflocs.T, sparse.eye_array(mesh.order.shape[1])
+    mirrors = list(product((1, -1), (1, -1)))
+    partners = np.stack([cKDTree(places).query(places * mirror)[1] for mirror in mirrors])
+    first = np.unique(partners.min(axis=0))
+    columns = np.tile(np.arange(first.size), len(mirrors))
+    for parity in mirrors:
+        blocks = []
+        for axis in range(3):
+            turns = [mirror[axis] if axis < 2 else 1 for mirror in mirrors]  # of the component itself
+            signs = [
+                turn * parity[0] ** (x < 0) * parity[1] ** (y < 0)
+                for turn, (x, y) in zip(turns, mirrors, strict=True)
+            ]
+            entries = np.repeat(np.array(signs, np.float64), first.size), (partners[:, first].ravel(), columns)
+            basis = sparse.csc_array(sparse.coo_array(entries, shape=(len(places), first.size)))
+            length = sparse.linalg.norm(basis, axis=0)
+            basis = basis[:, length > 0] @ sparse.diags_array(1 / length[length > 0])  # 0: it cancels on an axis
+            blocks.append(sparse.kron(levels, basis))
+        yield sparse.csr_array(sparse.block_diag(blocks))
 
 
 def _integrals(basis: skfem.Basis, axes: tuple[int, ...], degree: int | None) -> Blocks:
@@ -245,6 +256,9 @@ def interpolation(basis: skfem.Basis, places_mm: Floats) -> sparse.csr_array:
 # interpolated linearly, in source and receiver. Stations outside the gel, or nearer to its side than half their
 # load, are moved to the nearest place that is not.
 #
+# The table is a smooth function of Poisson's ratio, up to 1/2: it is solved for three values, and interpolated by
+# the parabola through them, whose slope is its derivative. That is off by at most 2e-4 of the table from .35 on.
+#
 # The table is at most a few percent of the whole beyond one thickness from a side. Reciprocity is not imposed: it
 # is a test of the mesh.
 
@@ -253,13 +267,13 @@ STATION_MM = 1.25  # mm between stations
 LOAD_MM = 0.5  # mm: size of the loads of the table
 FORGETS = 3.5  # thicknesses beyond which a side has no effect
 RANK_TOLERANCE = 1e-4  # of the largest singular value: smaller ones are dropped
-AT_ONCE = 32  # shapes solved together
+SOLVED_AT = ((0.35, 0.45, 0.4995), (0.0, 0.2, 0.35))  # Poisson's ratios of elastomers, and of what is softer
 MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
 @dataclass(frozen=True, slots=True)
 class SideTable:
-    """`table` (3 S, 3 S), x y z of each station over `grid` in turn, mm/N at modulus 1 MPa."""
+    """`table` (3 S, 3 S), x y z of each station over `grid` in turn: mm/N at 1 MPa, or its derivative by nu."""
 
     grid: NodeGrid
     table: Singles
@@ -297,54 +311,68 @@ def station_shape(grid: NodeGrid) -> tuple[int, int]:
     return rows, columns
 
 
-def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable | None:
-    """Return the table for the stations over `grid`, computed or from the cache.
+def side_tables(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> tuple[SideTable, SideTable] | None:
+    """Return the table for the stations over `grid` and its derivative by nu, solved or from the cache.
 
-    None if no side is near the view.
+    The cache keeps the tables of SOLVED_AT for each shape of a gel. None if no side is near the view.
     """
     rows, columns = station_shape(grid)
     x, y = ((np.arange(count) - (count - 1) / 2) * STATION_MM for count in (columns, rows))
     places = _admissible(gel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     if not (from_side(gel, places) < FORGETS * gel.thickness_mm).any():
         return None
-    key = (gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9), rows, columns,
-           STATION_MM, LOAD_MM)  # fmt: skip
-    return SideTable(grid, kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratio=poisson_ratio)))
+    at = next((one for one in SOLVED_AT if poisson_ratio >= one[0]), SOLVED_AT[-1])
+    key = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, at, rows, columns, STATION_MM, LOAD_MM
+    solved = kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratios=at))
+    parabolas = np.linalg.inv(np.vander(at))  # coefficients by value, the highest power first
+    powers = np.array([[poisson_ratio**2, poisson_ratio, 1], [2 * poisson_ratio, 1, 0]])
+    table, slope = np.tensordot(powers @ parabolas, solved, 1).astype(np.float32)
+    return SideTable(grid, table), SideTable(grid, slope)
 
 
-def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm: float | None = None) -> Singles:
-    """Return (3 S, 3 S) displacement at `places_mm` (S, 2) that the free sides add to a force of 1 N at each,
-    float32.
-    """
+def solve_sides(
+    gel: Gel, places_mm: Floats, *, poisson_ratios: Sequence[float], element_mm: float | None = None
+) -> Singles:
+    """Return the displacement (ratios, 3 S, 3 S), mm/N at 1 MPa, that the free sides add at `places_mm` (S, 2)."""
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     near = from_side(gel, places_mm) < FORGETS * gel.thickness_mm
-    field = layer_stress(
-        np.ravel(mesh.line.global_coordinates()),
-        LOAD_MM,
-        thickness_mm=gel.thickness_mm,
-        poisson_ratio=poisson_ratio,
-        reach_mm=FORGETS * gel.thickness_mm,
-    )
-    unknowns, loads = _wall_forces(mesh, field, places_mm[near])
-    shapes, sizes, mix = np.linalg.svd(-loads, full_matrices=False)
+    shear, volume = (part[mesh.free][:, mesh.free] for part in stiffness_parts(mesh))
+    parts, stations = list(symmetric_parts(mesh)), interpolation(mesh.face, places_mm[near])
+    three, index = np.arange(3), np.flatnonzero(near)
+    tables = np.zeros((len(poisson_ratios), len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
+    for table, nu in zip(tables, poisson_ratios, strict=True):
+        field = layer_stress(
+            np.ravel(mesh.line.global_coordinates()),
+            LOAD_MM,
+            thickness_mm=gel.thickness_mm,
+            poisson_ratio=nu,
+            reach_mm=FORGETS * gel.thickness_mm,
+        )
+        loads, matrix = _wall_forces(mesh, field, places_mm[near]), combined(shear, volume, poisson_ratio=nu)
+        seen = sum(_of_one_symmetry(mesh, basis, matrix, loads, stations) for basis in parts)
+        table[np.ix_(index, three, index, three)] = np.reshape(seen, (len(index), 3, len(index), 3))
+    return tables.reshape(len(poisson_ratios), 3 * len(places_mm), 3 * len(places_mm))
+
+
+def _of_one_symmetry(
+    mesh: GelMesh, basis: sparse.csr_array, matrix: sparse.csc_array, loads: Floats, stations: sparse.csr_array
+) -> Floats:
+    """Return the displacement (3 S, 3 S) at the stations by the part of the `loads` that the basis spans."""
+    on_wall = sparse.csr_array(basis[mesh.order[:, :, mesh.wall].ravel()].T)
+    loaded = np.flatnonzero(np.diff(on_wall.indptr))
+    shapes, sizes, mix = np.linalg.svd(-(on_wall[loaded] @ loads), full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    matrix = stiffness(mesh, poisson_ratio=poisson_ratio)[mesh.free][:, mesh.free]
     factor = splu(
-        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        sparse.csc_array(basis.T @ matrix @ basis),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
     )
-    stations, answers = interpolation(mesh.face, places_mm[near]), []
-    for first in range(0, rank, AT_ONCE):  # whole fields are large; only the stations are kept
-        whole = np.zeros((mesh.numbers.size, min(AT_ONCE, rank - first)))
-        whole[unknowns] = shapes[:, first : min(first + AT_ONCE, rank)]
-        whole[mesh.free] = factor.solve(whole[mesh.free])
-        face = whole[mesh.numbers[:, 0]]
-        answers.append(np.stack([stations @ part for part in face], axis=1).reshape(-1, whole.shape[1]))
-    seen = np.hstack(answers) @ (sizes[:rank, None] * mix[:rank])
-    three = np.arange(3)
-    table = np.zeros((len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
-    index = np.flatnonzero(near)
-    table[np.ix_(index, three, index, three)] = seen.reshape(len(index), 3, len(index), 3)
-    return table.reshape(3 * len(places_mm), 3 * len(places_mm))
+    right = np.zeros((basis.shape[1], rank))
+    right[loaded] = shapes[:, :rank]
+    solved = factor.solve(right)
+    answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.order[:, 0]], axis=1)
+    return np.asarray(answers.reshape(-1, rank) @ (sizes[:rank, None] * mix[:rank]))
 
 
 def _element_mm(gel: Gel) -> float:
@@ -358,12 +386,10 @@ def _element_mm(gel: Gel) -> float:
     return float(max(0.6 * gel.thickness_mm, np.sqrt(area / MAX_ELEMENTS)))
 
 
-def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> tuple[Indices, Floats]:
-    """Return the free unknowns on the wall (U,), and the nodal forces (U, 3 S) there of the layer's traction by
-    loads at `places_mm`.
-    """
+def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> Floats:
+    """Return the nodal forces (U, 3 S) on the wall of the layer's traction by loads at `places_mm` (S, 2)."""
     wall = skfem.FacetBasis(mesh.face.mesh, mesh.face.elem, intorder=DEGREE)
-    nodes = mesh.face.get_dofs().flatten()
+    nodes = mesh.wall
     along, levels = _shares(wall)[:, nodes].toarray(), _shares(mesh.line).toarray()[:, mesh.above_base]
     places, normals = (np.reshape(part, (2, -1)).T for part in (wall.global_coordinates(), wall.normals))
     offset = (places[:, None, :] - places_mm).reshape(-1, 2)
@@ -374,7 +400,7 @@ def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> tuple[
         force = np.einsum("qn,qipl->inpl", along, traction, optimize=True)
         used = np.flatnonzero(share)
         total[:, used] += share[used, None, None, None] * force[:, None]
-    return mesh.numbers[:, mesh.above_base][:, :, nodes].ravel(), total.reshape(-1, 3 * len(places_mm))
+    return np.asarray(total.reshape(-1, 3 * len(places_mm)))
 
 
 def from_side(gel: Gel, places_mm: Floats) -> Floats:

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from tactilevision.force import lateral_boundaries as store
+from tactilevision.files import cache as store
+from tactilevision.force import lateral_boundaries
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.kernel import layer_stress
-from tactilevision.force.lateral_boundaries import gel_mesh, interpolation, solve_sides, stiffness
+from tactilevision.force.lateral_boundaries import (
+    gel_mesh,
+    interpolation,
+    side_tables,
+    solve_sides,
+    stiffness,
+    symmetric_parts,
+)
 from tactilevision.force.nodes import lay_grid
 from tactilevision.records.rig import Gel
 
@@ -77,11 +87,40 @@ def test_stress_under_a_load_carries_it() -> None:
 def test_sides_are_reciprocal_soften_and_fade() -> None:
     places = np.array([[4.5, 0.0], [3.0, 1.0], [1.5, -1.0], [0.0, 0.0]])
     gel = Gel(1.0, shape="disc", radius_mm=6.0)
-    table = solve_sides(gel, places, poisson_ratio=0.48, element_mm=1.2).astype(float)
+    (table,) = solve_sides(gel, places, poisson_ratios=[0.48], element_mm=1.2).astype(float)
     assert np.abs(table - table.T).max() < 0.04 * np.abs(table).max()
     own = np.diag(table)
     assert (own[:3] > 0).all(), "a free side can only soften the gel"
     assert own[9:].max() < 1e-2 * own[:3].max()
+
+
+@pytest.mark.parametrize("gel", [SMALL, DISC], ids=["rectangle", "disc"])
+def test_symmetric_parts_are_all_displacements_and_do_not_act_on_each_other(gel: Gel) -> None:
+    mesh = gel_mesh(gel, 2.5)
+    matrix = stiffness(mesh, poisson_ratio=0.49)[mesh.free][:, mesh.free]
+    parts = list(symmetric_parts(mesh))
+    assert sum(part.shape[1] for part in parts) == mesh.free.size
+    whole = sparse.hstack(parts)
+    assert abs(whole.T @ whole - sparse.eye_array(mesh.free.size)).max() < 1e-12
+    for one, other in combinations(parts, 2):
+        assert abs(one.T @ matrix @ other).max() < 1e-9 * abs(matrix).max()
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.1, 0.3, 0.4, 0.47, 0.49, 0.4999])
+def test_the_parabola_through_three_ratios_agrees_with_a_solution(
+    poisson_ratio: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    gel, grid = Gel(1.0, shape="rectangle", size_mm=(5.0, 4.0)), lay_grid((40, 40), (0.1, 0.1), spacing_mm=0.5)
+    tables = side_tables(gel, grid, poisson_ratio=poisson_ratio)
+    assert tables is not None
+    monkeypatch.setattr(
+        lateral_boundaries, "SOLVED_AT", ((poisson_ratio - 2e-3, poisson_ratio, poisson_ratio + 5e-5),)
+    )
+    near = side_tables(gel, grid, poisson_ratio=poisson_ratio)
+    assert near is not None
+    for found, true, error in zip(tables, near, (1e-3, 2e-2), strict=True):
+        assert np.linalg.norm(found.table - true.table) < error * np.linalg.norm(true.table)
 
 
 @pytest.mark.slow
