@@ -15,4 +15,5 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy a
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):  # workers are started from here, and inherit the folder's name
         folder = os.environ["TACTILEVISION_SCENES"] = tempfile.mkdtemp(prefix="tactilevision_scenes_")
+        os.environ["TACTILEVISION_CACHE"] = os.path.join(folder, "cache")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
@@ -12,6 +13,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from tactilevision.errors import installed_version
+from tactilevision.files import cache
 from tactilevision.files.runs import output_lock
 
 COMMANDS = {  # module, function, option that names the results to be locked, summary
@@ -98,5 +100,11 @@ def options(
     shows_version: Annotated[
         bool, typer.Option("--version", callback=show_version, is_eager=True, help="Print the version and stop.")
     ] = False,
+    cached: Annotated[
+        bool,
+        typer.Option("--cache/--no-cache", help="Keep calibrated light and tables of the gel for the next run."),
+    ] = True,
 ) -> None:
     """Mechanics you can trust from vision-based tactile sensors."""
+    if not cached:
+        os.environ[cache.VARIABLE] = cache.OFF  # of the workers, too

@@ -1,70 +1,88 @@
-"""Cache of arrays that take seconds to compute, in files named by a hash of what the arrays depend on.
+"""Cache of what takes seconds to compute, in files named by a hash of what it depends on.
 
 The folder is $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that
-cannot be read is computed anew; a folder that cannot be written to is ignored. Beyond MOST_MB the files used least
-recently are removed.
+cannot be read is made anew, and so is one of another revision of this package; a folder that cannot be written to
+is ignored. Beyond MOST_MB the files used least recently are removed.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.arrays import read_arrays
+from tactilevision.files.arrays import read_archive, unpack_arrays
 from tactilevision.files.opening import MB
-from tactilevision.files.writing import replacing
+from tactilevision.files.writing import pack_arrays, write_archive
 
-VERSION = 2  # part of every hash: raise it when the numbers change
 MOST_MB = 500  # of all files together
+VARIABLE = "TACTILEVISION_CACHE"  # of the environment: the folder
+OFF = "off"  # instead of a folder: nothing is kept
+KEY = "key"  # name of the file with the whole key
 
 
-def cache_folder() -> Path:
-    """Return the folder that keeps arrays; it is made when something is written."""
-    own = os.environ.get("TACTILEVISION_CACHE")
+def cache_folder() -> Path | None:
+    """Return the folder that keeps files, made when something is written; None where nothing is kept."""
+    own = os.environ.get(VARIABLE)
     if own:
-        return Path(own)
+        return None if own == OFF else Path(own)
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root and Path(root).is_absolute() else Path.home() / ".cache") / "tactilevision"
 
 
-def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
-    digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
-    path = cache_folder() / f"{name}-{digest}.npz"
-    found = _read(path, repr(key))
+@cache
+def source_digest() -> str:
+    """Return a hash of this package's source files: another revision computes anew."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:20]
+
+
+def kept(name: str, key: object, *, make: Callable[[], Mapping[str, bytes]]) -> dict[str, bytes]:
+    """Return the files that `make` writes for `key`: read from the cache, else made and kept."""
+    whole = repr((name, key, source_digest())).encode()
+    folder = cache_folder()
+    if folder is None:
+        return dict(make())
+    path = folder / f"{name}-{hashlib.sha256(whole).hexdigest()[:20]}.zip"
+    found = _read(path, whole)
     if found is not None:
-        with suppress(OSError):
-            os.utime(path)
         return found
-    made = make()
+    made = dict(make())
     with suppress(OutputError, OSError):
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, table=made, key=np.array(repr(key)))
-        _shrink(path.parent)
+        write_archive(path, made | {KEY: whole})
+        _shrink(folder)
     return made
 
 
-def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
+def kept_array(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
+    files = kept(name, key, make=lambda: {"table.npz": pack_arrays({"table": make()}, small=False)})
+    return unpack_arrays(files["table.npz"], where=Path(name))["table"]
+
+
+def _read(path: Path, whole: bytes) -> dict[str, bytes] | None:
     try:
-        file = read_arrays(path)
-        return file["table"] if str(file["key"]) == key else None
-    except (OSError, KeyError, InputError):
+        files = read_archive(path)
+        os.utime(path)
+    except (OSError, InputError):
         return None
+    return files if files.pop(KEY, b"") == whole else None
 
 
 def _shrink(folder: Path) -> None:
     """Remove the files used least recently, until MOST_MB remain."""
-    files = sorted(folder.glob("*-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
     total = 0.0
-    for path in files:
+    for path in sorted(folder.glob("*-*.zip"), key=lambda path: path.stat().st_mtime, reverse=True):
         total += path.stat().st_size / MB
         if total > MOST_MB:
             path.unlink()

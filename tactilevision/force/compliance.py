@@ -16,7 +16,6 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uni
 from scipy.spatial.distance import cdist
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.files.cache import VERSION
 from tactilevision.files.opening import check_numbers
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries import (
@@ -187,7 +186,7 @@ def _checked(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -
 def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:
     """Return all that the numbers depend on."""
     outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9)
-    steps = VERSION, WAVES, REACH, POISSON_STEP, SOLVED_AT, STATION_MM, LOAD_MM
+    steps = WAVES, REACH, POISSON_STEP, SOLVED_AT, STATION_MM, LOAD_MM
     return repr((*outline, grid.shape, grid.spacing_mm, *steps))
 
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from tactilevision.files.cache import kept
+from tactilevision.files.cache import kept_array
 from tactilevision.force.kernel import LayerStress, layer_stress
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import MICRO, TINY
@@ -323,7 +323,7 @@ def side_tables(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> tuple[Side
         return None
     at = next((one for one in SOLVED_AT if poisson_ratio >= one[0]), SOLVED_AT[-1])
     key = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, at, rows, columns, STATION_MM, LOAD_MM
-    solved = kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratios=at))
+    solved = kept_array("sides", key, make=lambda: solve_sides(gel, places, poisson_ratios=at))
     parabolas = np.linalg.inv(np.vander(at))  # coefficients by value, the highest power first
     powers = np.array([[poisson_ratio**2, poisson_ratio, 1], [2 * poisson_ratio, 1, 0]])
     table, slope = np.tensordot(powers @ parabolas, solved, 1).astype(np.float32)

@@ -15,6 +15,7 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import doubt_of_radii, held_out_depth, seen_gain_std
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
+from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import (
     DEFAULT_BASELINE,
@@ -291,7 +292,8 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         return _uncalibrated(recording, flats)
     if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats=flats)
-    fit = PHOTOMETRIC[method or DEFAULT]
+    name = method or DEFAULT
+    fit = PHOTOMETRIC[name]
     reference, noted = _reference(sensor, flats)
     pictures = [
         BallPicture(
@@ -305,9 +307,15 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     ]
     if pictures:
         check_order(reference.rgb, [picture.rgb for picture in pictures])
-    calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
-    found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
-    return found.warned(*noted, *doubt_of_radii(sensor, pictures, calibration))
+    free = free_frames(recording)
+
+    def calibrated() -> Reconstructor:
+        calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
+        found = tuned(sensor, calibration, pictures=pictures, free=free)
+        return found.warned(*doubt_of_radii(sensor, pictures, calibration))
+
+    found = kept_light(sensor, name, reference, pictures=pictures, free=free, make=calibrated)
+    return found.warned(*noted)
 
 
 def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:

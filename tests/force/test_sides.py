@@ -11,7 +11,6 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from tactilevision.files import cache as store
 from tactilevision.force import lateral_boundaries
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.kernel import layer_stress
@@ -152,34 +151,4 @@ def test_a_gel_wide_against_its_thickness_is_an_unbounded_layer(
     assert near.block(edge)[2, 2] > 1.005 * near.layer.block(edge)[2, 2]
     assert near.block(middle)[2, 2] == pytest.approx(near.layer.block(middle)[2, 2], rel=0.01)
     assert near.block(edge, 1)[0, 0] == pytest.approx(near.block(edge)[2, 2])
-    assert len(list(tmp_path.glob("*.npz"))) == 1
-
-
-def test_a_table_is_kept_read_again_and_made_anew_where_it_is_torn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
-    calls = []
-
-    def make() -> np.ndarray:
-        calls.append(1)
-        return np.arange(3.0)
-
-    for _ in range(2):
-        assert store.kept("thing", ("key", 1), make=make).tolist() == [0, 1, 2]
-    assert len(calls) == 1
-    (path,) = tmp_path.glob("*.npz")
-    path.write_bytes(path.read_bytes()[:40])
-    assert store.kept("thing", ("key", 1), make=make).tolist() == [0, 1, 2]
-    assert len(calls) == 2
-    store.kept("thing", ("key", 2), make=make)
-    assert len(calls) == 3
-
-
-def test_the_cache_follows_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("TACTILEVISION_CACHE", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert store.cache_folder() == tmp_path / "tactilevision"
-    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path / "file"))
-    (tmp_path / "file").write_text("in the way")
-    assert store.kept("thing", "key", make=lambda: np.ones(2)).tolist() == [1, 1]
+    assert len(list(tmp_path.glob("*.zip"))) == 1
