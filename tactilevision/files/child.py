@@ -19,6 +19,7 @@ import sys
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -47,7 +48,7 @@ _SETTINGS = {  # of the libraries in a child
     "ARROW_DEFAULT_MEMORY_POOL": "system",
     "OPENBLAS_NUM_THREADS": "1",
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,matroska,avi|protocol_whitelist;file",
-    "OPENCV_FFMPEG_THREADS": "4",
+    "OPENCV_FFMPEG_THREADS": str(min(os.cpu_count() or 1, 4)),
 }
 Answer = tuple[Any, ...]  # of None, truth values, numbers, text, arrays of numbers, and lists of the first four
 
@@ -108,6 +109,7 @@ class Answers:
         self.where, size = str(given[0]), sum(map(_size_MB, files))
         self.memory_MB, seconds = limit("MAX_CHILD_MB") + size, limit("MAX_CHILD_SECONDS")
         self._over: Exception | None = None
+        self._pending: deque[object] = deque()  # asked, and not yet answered
         self._child = next((child for child in _waiting if child.process.poll() is None), None) or _Child()
         _waiting.clear()
         budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
@@ -128,11 +130,16 @@ class Answers:
             self.close()
             raise
 
-    def ask(self, word: object) -> Answer:
-        """Return the answer to a word that the reader takes from `asked`."""
-        if self._over is None:
-            self._child.send({"asked": word})
-        return next(self)
+    def ask(self, word: object, *later: object) -> Answer:
+        """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
+        for one in (word, *later):
+            if self._over is None and one not in self._pending:
+                self._child.send({"asked": one})
+                self._pending.append(one)
+        while True:
+            answer = next(self)
+            if self._pending.popleft() == word:
+                return answer
 
     def close(self) -> None:
         """End the child."""
