@@ -37,6 +37,7 @@ if sys.platform != "win32":
 
 READ_MB_S = 50  # MB of a file that its reader passes at least, in a second of processor time without an answer
 UNPACKED_S = 10  # s of processor time for each MB of a file: long videos of a still scene need some three
+ANSWER_S = 2e-4  # s of the parent's own work for an answer, which counts as the child's
 WAIT_S = 60  # s in which a child answers, even if other programs keep the processor
 OPEN_FILES = 64  # of a child
 PIPE_BYTES = 1 << 20  # of the pipe between the two: what Linux allows every user
@@ -281,6 +282,7 @@ def _wait(seconds: int) -> None:
         faulthandler.dump_traceback_later(seconds, exit=True) if seconds else faulthandler.cancel_dump_traceback_later()
         return
     if seconds:
+        _budget["all_s"] -= ANSWER_S
         end_s = math.ceil(min(time.process_time() + _budget["step_s"], _budget["all_s"]))
         resource.setrlimit(resource.RLIMIT_CPU, (end_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
     signal.alarm(seconds)
