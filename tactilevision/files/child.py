@@ -1,9 +1,9 @@
 """Read containers of others (logs, data sets, videos) in a child process with limits, killed as a whole.
 
 A container of a few kilobytes may unpack to gigabytes, or state a calculation without end, and only the system
-can stop the library that reads it. The child has limits on memory, processor time and open files, and cannot write
-a file (setrlimit; macOS ignores the limit on memory, and Windows has only the limit on waiting). It answers with
-JSON and the bytes of arrays: nothing that it sends is executed.
+can stop the library that reads it. The child has limits on memory, processor time and open files, and none of its
+files may have a byte (setrlimit; macOS ignores the limit on memory, and Windows has only the limit on waiting). It
+answers with JSON and the bytes of arrays: nothing that it sends is executed.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Answers:
         self.memory_MB, seconds = limit("MAX_CHILD_MB") + size, limit("MAX_CHILD_SECONDS")
         self._over: Exception | None = None
         self._pending: deque[object] = deque()  # asked, and not yet answered
-        self._child = next((child for child in _waiting if child.process.poll() is None), None) or _Child()
+        self._child: _Child | None = next((one for one in _waiting if one.process.poll() is None), None) or _Child()
         _waiting.clear()
         budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
         self._child.send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
@@ -134,7 +134,7 @@ class Answers:
     def ask(self, word: object, *later: object) -> Answer:
         """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
         for one in (word, *later):
-            if self._over is None and one not in self._pending:
+            if self._child is not None and one not in self._pending:
                 self._child.send({"asked": one})
                 self._pending.append(one)
         while True:
@@ -145,7 +145,8 @@ class Answers:
     def close(self) -> None:
         """End the child."""
         self._over = self._over or StopIteration()
-        self._child.kill()
+        if self._child is not None:
+            self._child.kill()
 
     def _next(self) -> Answer:
         while True:
@@ -154,7 +155,7 @@ class Answers:
             if kind == "answer" and words:
                 return tuple(self._array(*one.values()) if isinstance(one, dict) else one for one in words)
             if kind != "answer":
-                _waiting[:] = [self._child]
+                _waiting[:], self._child = [self._child], None  # type: ignore[list-item]
                 raise _FAULTS[kind](words[0], **dict(words[1])) if kind in _FAULTS else StopIteration
 
     def _array(self, kind: str, shape: list[int]) -> Any:
@@ -173,6 +174,7 @@ class Answers:
 
     def _ended(self) -> InputError:
         """Return the reason why the child has ended, or end it for an answer that is none."""
+        assert self._child is not None
         with suppress(subprocess.TimeoutExpired):
             self._child.process.wait(1)
         code = -(self._child.process.poll() or 0)

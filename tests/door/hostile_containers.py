@@ -33,7 +33,7 @@ def _connection() -> bytes:
     return _record({"op": b"\7", "conn": struct.pack("<I", 0), "topic": b"/camera"}, inner)
 
 
-def bag_of_zeros(path: Path, *, unpacked: int = 3 * GB) -> None:
+def bag_of_zeros(path: Path, *, unpacked: int = GB) -> None:
     """A chunk of bzip2 that unpacks to zeros."""
     part = bz2.compress(bytes(unpacked // 100))
     magic = b"#ROSBAG V2.0\n"
@@ -76,20 +76,38 @@ def _message(data: bytes) -> bytes:
     return struct.pack("<BQ", 5, len(body)) + body
 
 
-def mcap_of_zeros(path: Path) -> None:
-    """One message of a gigabyte in a chunk of Zstandard, within one that states its size."""
+def _packed(start: bytes, zeros: int) -> bytes:
+    """Bytes and then zeros in Zstandard, without all of them in memory here."""
     import zstandard
 
-    packed = zstandard.ZstdCompressor(level=3).compress(_message(bytes(GB)))
-    _mcap(path, [("zstd", packed, GB + 31)])
+    part = bytes(10**6)
+    packer = zstandard.ZstdCompressor(level=1).compressobj(size=len(start) + zeros * len(part))
+    return b"".join([packer.compress(start), *(packer.compress(part) for _ in range(zeros)), packer.flush()])
+
+
+def mcap_of_zeros(path: Path) -> None:
+    """A chunk with one message of a gigabyte."""
+    head = struct.pack("<BQ", 5, 22 + GB) + struct.pack("<HIQQ", 1, 0, 1, 1)
+    _mcap(path, [("zstd", _packed(head, 1000), len(head) + GB)])
+
+
+def mcap_of_packed_messages(path: Path) -> None:
+    """A message of a gigabyte that is packed by itself."""
+    body = _message(_packed(b"", 1000))
+    _mcap(path, [("", body, len(body))])
 
 
 def mcap_of_small_messages(path: Path) -> None:
     """Millions of empty messages in a chunk."""
     import zstandard
 
-    whole = _message(b"") * 8_000_000
-    _mcap(path, [("zstd", zstandard.ZstdCompressor(level=3).compress(whole), len(whole))])
+    whole = _message(b"") * 3_000_000
+    _mcap(path, [("zstd", zstandard.ZstdCompressor(level=1).compress(whole), len(whole))])
+
+
+def mcap_of_many_chunks(path: Path) -> None:
+    """Chunks that take long for their size."""
+    _mcap(path, [("zstd", _packed(b"", 100), 10**8)] * 200)
 
 
 def cdr_picture(width: int = 2, height: int = 2, *, frame: str = "tool") -> bytes:
@@ -109,23 +127,6 @@ def mcap_of_pictures(path: Path, count: int = 50_000, chunks: int = 20, **about:
 
     whole = _message(cdr_picture(**about)) * count
     _mcap(path, [("zstd", zstandard.ZstdCompressor(level=3).compress(whole), len(whole))] * chunks)
-
-
-def mcap_of_many_chunks(path: Path) -> None:
-    """Chunks that take long for their size."""
-    import zstandard
-
-    packed = zstandard.ZstdCompressor(level=1).compress(bytes(100_000_000))
-    _mcap(path, [("zstd", packed, 100_000_000)] * 200)
-
-
-def mcap_of_packed_messages(path: Path) -> None:
-    """A message that is packed once more."""
-    import zstandard
-
-    packed = zstandard.ZstdCompressor(level=3).compress(bytes(GB))
-    body = _message(packed)
-    _mcap(path, [("", body, len(body))])
 
 
 def _database(*statements: str) -> Callable[[Path], None]:
@@ -162,15 +163,15 @@ def endless_tree(path: Path) -> None:
     base.execute(f"PRAGMA page_size = {size}")
     for statement in (TOPICS, MESSAGES, TOPIC):
         base.execute(statement)
-    rows = [(k, cdr_picture()) for k in range(3000)]
+    rows = [(k, cdr_picture()) for k in range(1200)]
     base.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", rows)
     base.commit()
     (root,) = base.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'").fetchone()
     base.close()
     data = bytearray(path.read_bytes())
     pages = {number: (number - 1) * size for number in range(2, len(data) // size + 1)}
-    inner = [root, *(number for number, start in pages.items() if data[start] == 5 and number != root)][:15]
-    leaf = next(number for number, start in pages.items() if data[start] == 13)
+    inner = [root, *(number for number, start in pages.items() if data[start] == 5 and number != root)][:8]
+    leaf = max(number for number, start in pages.items() if data[start] == 13)
     for number, below in zip(inner, [*inner[1:], leaf], strict=True):
         start = pages[number]
         data[start + 8 : start + 12] = struct.pack(">I", below)
@@ -195,6 +196,21 @@ def table_of_gigabytes(path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pq.read_table(path)
-    every = pa.DictionaryArray.from_arrays(pa.array(np.zeros(len(table), np.int32)), ["x" * 400_000_000])
+    table = pa.concat_tables([pq.read_table(path)] * 6)
+    every = pa.DictionaryArray.from_arrays(pa.array(np.zeros(len(table), np.int32)), ["x" * 20_000_000])
     pq.write_table(table.append_column("task", every), path, compression="zstd", store_schema=False)
+
+
+def film_of_samples(path: Path, count: int, *, size: int) -> None:
+    """An MP4 of five frames whose tables state another number, of one size (0: as before)."""
+    import cv2
+
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30, (64, 48))
+    for _ in range(5):
+        writer.write(np.full((48, 64, 3), 90, np.uint8))
+    writer.release()
+    data = bytearray(path.read_bytes())
+    for name, words in (("stsz", (size, count)), ("stts", (1, count, 1024)), ("stsc", (1, 1, count, 1))):
+        place = data.index(name.encode()) + 8
+        data[place : place + 4 * len(words)] = struct.pack(f">{len(words)}I", *words)
+    path.write_bytes(data)
