@@ -94,8 +94,7 @@ def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple
     for word, *parts in Answers(answers, str(path), words, files=storage_files(path)):
         if word == "topics":
             topics |= dict(parts[0])
-            return
-        if word == "picture":
+        elif word == "picture":
             yield word, Picture(Stamp(*parts[:3]), parts[4].tobytes(), parts[3])
         elif word == "wrench":
             yield word, WrenchReading(Stamp(*parts[:3]), parts[3][:3], parts[3][3:])
