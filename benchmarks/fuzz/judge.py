@@ -131,7 +131,7 @@ class Judge:
             self._written.append(f"{event} {words[:1]}")
 
     def _note(self, path: Any) -> None:
-        if isinstance(path, int):
+        if isinstance(path, int) or path == os.devnull:
             return
         place = Path(os.path.realpath(os.fsdecode(path)))
         own = {self.folder.resolve() / name for name in ("method.json", "network.json")}

@@ -84,6 +84,7 @@ class _Child:
 
 def _kill(process: subprocess.Popen[bytes], owner: int) -> None:
     if owner != os.getpid():  # this process is a copy of the parent
+        process.returncode = 0
         return
     if process.poll() is None:
         with suppress(ProcessLookupError):
@@ -111,7 +112,8 @@ class Answers:
         self.memory_MB, seconds = limit("MAX_CHILD_MB") + size, limit("MAX_CHILD_SECONDS")
         self._over: Exception | None = None
         self._pending: deque[object] = deque()  # asked, and not yet answered
-        self._child: _Child | None = next((one for one in _waiting if one.process.poll() is None), None) or _Child()
+        waiting = [one for one in _waiting if one.process.poll() is None]
+        self._child: _Child | None = waiting[0] if waiting else _Child()
         _waiting.clear()
         budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
         self._child.send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
@@ -147,6 +149,7 @@ class Answers:
         self._over = self._over or StopIteration()
         if self._child is not None:
             self._child.kill()
+            self._child = None
 
     def _next(self) -> Answer:
         while True:
@@ -237,14 +240,11 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
             _wait(0)
             _send(out, "answer", *answer)
             _wait(WAIT_S)
-    except InputError as fault:
-        found = fault
-        if isinstance(fault.__cause__, MemoryError):
-            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
-    except MemoryError:
-        found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
     except Exception as fault:
-        found = InputError(f"is damaged: {type(fault).__name__}: {str(fault)[:160]}", where=order["given"][0])
+        where, said = order["given"][0], f"is damaged: {type(fault).__name__}: {str(fault)[:160]}"
+        found = fault if isinstance(fault, InputError) else InputError(said, where=where, remedy="Copy it again.")
+        if isinstance(fault, MemoryError) or isinstance(fault.__cause__, MemoryError):
+            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", where)
     _wait(0)
     if found is None:
         return ("end",)
@@ -259,8 +259,9 @@ def _send(out: BinaryIO, *words: object) -> None:
     about = [{"kind": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
     text = json.dumps(about).encode()
     try:
-        for part in (len(text).to_bytes(4, "little"), text, *arrays):
-            out.write(part)
+        out.write(len(text).to_bytes(4, "little") + text)
+        for array in arrays:
+            out.write(array.data)
         out.flush()
     except BrokenPipeError:  # the parent has ended
         os._exit(0)
@@ -281,7 +282,9 @@ def _limit(order: dict[str, Any]) -> None:
 def _wait(seconds: int) -> None:
     """Let this process end if it does not come here again within so many seconds (0: no limit)."""
     if sys.platform == "win32":
-        faulthandler.dump_traceback_later(seconds, exit=True) if seconds else faulthandler.cancel_dump_traceback_later()
+        faulthandler.cancel_dump_traceback_later()
+        if seconds:
+            faulthandler.dump_traceback_later(seconds, exit=True)
         return
     if seconds:
         _budget["all_s"] -= ANSWER_S

@@ -187,9 +187,11 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 # Frames of one video file by their index. Seeking is inexact at a varying frame rate, so frames are counted from
-# the start of the file, in a child process. It is kept for the next call, so that successive windows cost one pass.
+# the start of the file, in a child process, which is kept: successive windows cost one pass.
 
-_CONTAINER = re.compile(rb"....(ftyp|moov|mdat|free|skip|wide)|RIFF....AVI |\x1aE\xdf\xa3", re.S)  # MP4, AVI, Matroska
+_CONTAINER = re.compile(
+    rb"....(ftyp|moov|mdat|free|skip|wide)|RIFF....AVI |\x1aE\xdf\xa3", re.S
+)  # MP4, AVI, Matroska
 _END = 1 << 62  # index beyond the last frame of any video
 _AHEAD = 4  # frames asked for at a time
 _REPORTED = 32  # frames that are passed in one answer

@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.files.child import Answer, Answers
-from tactilevision.files.opening import MAX_NAME, check_numbers, damage
+from tactilevision.files.opening import MAX_NAME, check_numbers
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Floats
 from tactilevision.robots.logs import Message, Topics, library, messages, storage_files
@@ -149,8 +149,7 @@ def _decoded(message: Message, kinds: tuple[str, ...], where: str) -> Any:
         raise InputError("the topic is of another type", where=where, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
     read = store.deserialize_ros1 if message.encoding == "ros1" else store.deserialize_cdr
-    with damage(where, what="a message is damaged", remedy="Copy the log again."):
-        return read(message.data, message.kind)
+    return read(message.data, message.kind)
 
 
 def _stamp(found: Any, message: Message, where: str) -> tuple[int, int, str]:

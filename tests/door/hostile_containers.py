@@ -15,7 +15,6 @@ GB = 10**9
 TOPICS = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)"
 MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data)"
 TOPIC = "INSERT INTO topics VALUES (1, '/camera', 'sensor_msgs/msg/Image', 'cdr')"
-FOREVER = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n)"
 
 
 def _record(header: dict[str, bytes], data: bytes) -> bytes:
@@ -140,15 +139,16 @@ def _database(*statements: str) -> Callable[[Path], None]:
     return make
 
 
-view_without_end = _database(
-    TOPICS, TOPIC, f"CREATE VIEW messages AS {FOREVER} SELECT x AS id, 1 AS topic_id, x AS timestamp, x'00' AS data FROM n"
-)
-view_of_gigabytes = _database(
-    TOPICS,
-    TOPIC,
-    f"CREATE VIEW messages AS {FOREVER} SELECT x AS id, 1 AS topic_id, x AS timestamp, zeroblob(500000000) AS data FROM n",
-)
-topics_without_end = _database(MESSAGES, f"CREATE VIEW topics AS {FOREVER} SELECT x AS id, x AS name, x AS type FROM n")
+def _view(name: str, columns: str) -> str:
+    """A view of rows without end."""
+    rows = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT"
+    return f"CREATE VIEW {name} AS {rows} {columns} FROM n"
+
+
+MESSAGE = "x AS id, 1 AS topic_id, x AS timestamp,"
+view_without_end = _database(TOPICS, TOPIC, _view("messages", f"{MESSAGE} x'00' AS data"))
+view_of_gigabytes = _database(TOPICS, TOPIC, _view("messages", f"{MESSAGE} zeroblob(500000000) AS data"))
+topics_without_end = _database(MESSAGES, _view("topics", "x AS id, x AS name, x AS type"))
 calculated_column = _database(
     TOPICS, TOPIC,
     "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",

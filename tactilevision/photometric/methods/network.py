@@ -33,10 +33,11 @@ _ALLOWED = (
     "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
 )
 OPERATORS = frozenset(_ALLOWED.split())
-_PARTS = frozenset(  # messages of ONNX that a network is made of
+_MESSAGES = (  # of ONNX, of which a network is made
     "ModelProto OperatorSetIdProto StringStringEntryProto GraphProto NodeProto AttributeProto TensorProto "
-    "ValueInfoProto TypeProto Tensor TensorShapeProto Dimension".split()
+    "ValueInfoProto TypeProto Tensor TensorShapeProto Dimension"
 )
+_PARTS = frozenset(_MESSAGES.split())
 MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
 
 
@@ -44,7 +45,7 @@ MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; our
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     """Return an onnxruntime session of the network in a file's `content`, on one core, cached by process.
 
-    Raises InputError where its hash is not `sha256`, it is no network, or it holds more than OPERATORS and weights.
+    Raises InputError where its hash is not `sha256`, it is no network, or it holds more than OPERATORS.
     """
     import onnxruntime
 
