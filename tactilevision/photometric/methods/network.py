@@ -69,7 +69,6 @@ def _checked(content: bytes, where: Path) -> bytes:
         model = onnx.load_from_string(content)
         model.DiscardUnknownFields()
         checked, parts = model.SerializeToString(), list(_parts(model))
-        largest = _largest_step(model)
     nodes = [part for part in parts if part.DESCRIPTOR.name == "NodeProto"]
     strange = sorted({str(node.op_type) for node in nodes} - OPERATORS)
     foreign = {str(part.domain) for part in parts if part.DESCRIPTOR.name in ("NodeProto", "OperatorSetIdProto")}
@@ -85,12 +84,14 @@ def _checked(content: bytes, where: Path) -> bytes:
     if held or graphs > 1:
         what = "the network holds functions, graphs within steps, training or sparse weights"
         raise InputError(what, where=where, value=", ".join(held) or f"{graphs} graphs")
+    if any(part.data_location or part.external_data for part in parts if part.DESCRIPTOR.name == "TensorProto"):
+        raise InputError("the network stores weights in other files", where=where)
+    with damage(where, what="the network cannot be read"):
+        largest = _largest_step(model)
     if largest > MAX_STEP:
         raise InputError(
             f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
         )
-    if any(part.data_location or part.external_data for part in parts if part.DESCRIPTOR.name == "TensorProto"):
-        raise InputError("the network stores weights in other files", where=where)
     return bytes(checked)
 
 
