@@ -261,7 +261,7 @@ def episode_files(root: Path) -> list[str]:
 
 def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
     names = _NUMBERS | {f"videos/{camera}/{part}": kind for part, kind in _VIDEO.items() if is_video}
-    found = []
+    found: list[Episode] = []
     size = 0
     for name in episode_files(root):
         size += (path := place_in(root, name)).stat().st_size
