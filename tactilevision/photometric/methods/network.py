@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -32,6 +33,11 @@ _ALLOWED = (
     "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
 )
 OPERATORS = frozenset(_ALLOWED.split())
+_MESSAGES = (  # of ONNX, of which a network is made
+    "ModelProto OperatorSetIdProto StringStringEntryProto GraphProto NodeProto AttributeProto TensorProto "
+    "ValueInfoProto TypeProto Tensor TensorShapeProto Dimension"
+)
+_PARTS = frozenset(_MESSAGES.split())
 MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
 
 
@@ -39,7 +45,7 @@ MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; our
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     """Return an onnxruntime session of the network in a file's `content`, on one core, cached by process.
 
-    Raises InputError where its hash is not `sha256`, it is no network, or it has operators not in OPERATORS.
+    Raises InputError where its hash is not `sha256`, it is no network, or it holds more than OPERATORS.
     """
     import onnxruntime
 
@@ -47,34 +53,58 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
         raise InputError(
             "the network does not match its card", where=where, remedy="Copy both files together, or train again."
         )
-    _check_operators(content, where)
+    checked = _checked(content, where)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
     with damage(where, what="the network cannot be read"):
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(checked, options, providers=["CPUExecutionProvider"])
 
 
-def _check_operators(content: bytes, where: Path) -> None:
+def _checked(content: bytes, where: Path) -> bytes:
+    """Return the network as far as its format is known here. Raises InputError as `open_bytes` does."""
     import onnx
 
     with damage(where, what="the network cannot be read"):
         model = onnx.load_from_string(content)
-        graph, largest = model.graph, _largest_step(model)
-    strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
-    if strange:
+        model.DiscardUnknownFields()
+        checked, parts = model.SerializeToString(), list(_parts(model))
+        found = set().union(*map(_unsupported, parts))
+        largest = 0.0 if found else _largest_step(model)
+    if found or sum(part.DESCRIPTOR.name == "GraphProto" for part in parts) > 1:
         raise InputError(
-            "the network has operators that are not supported",
+            "the network holds more than supported operators and their weights",
             where=where,
-            value=", ".join(strange)[:200],
+            value=", ".join(sorted(found))[:200] or "a graph within a step",
             remedy="Use convolutions and element-wise functions only.",
         )
     if largest > MAX_STEP:
         raise InputError(
             f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
         )
-    if any(tensor.data_location for tensor in graph.initializer):
-        raise InputError("the network stores weights in other files", where=where)
+    return bytes(checked)
+
+
+def _unsupported(part: Any) -> set[str]:
+    """Return names of what a message of ONNX holds besides steps of OPERATORS and weights."""
+    kind = str(part.DESCRIPTOR.name)
+    found = {kind} - _PARTS
+    if kind == "NodeProto":
+        found |= {str(part.op_type)} - OPERATORS
+    if kind in ("NodeProto", "OperatorSetIdProto"):
+        found |= {str(part.domain)} - {"", "ai.onnx"}
+    if kind == "TensorProto" and (part.data_location or part.external_data):
+        found.add("weights in other files")
+    return found
+
+
+def _parts(message: Any) -> Iterator[Any]:
+    """Yield a message of protobuf and all within it."""
+    yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in [value] if hasattr(value, "ListFields") else value:
+                yield from _parts(part)
 
 
 def _largest_step(model: Any) -> float:
