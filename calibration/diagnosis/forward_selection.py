@@ -19,7 +19,7 @@ import numpy as np
 
 from calibration.diagnosis import refit
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, adopt, inside, refit_with, skill
-from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.repeats import LEVEL, refit_with_pure_noise
@@ -304,11 +304,11 @@ def _with_terms(about: Fit, candidate: Candidate) -> Candidate:
 
 
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
-    """Return the fit under the noise that the best effect leaves, where presses are few.
+    """Return the fit under the noise that the best effect leaves, where that is less from press to press.
 
     Otherwise what changes from press to press counts as their scatter, and no two effects are distinguished.
     """
-    if not scatter_unknown(current.data) or best.p_adjusted > level:
+    if best.p_adjusted > level:
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
