@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis import refit
+from calibration.diagnosis.covariates import seen_covariates
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, adopt, inside, refit_with, skill
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
@@ -322,15 +323,18 @@ def _confirmed(turn: Round, level: float, each: Each, *, further: bool, quick: b
     """Return the best candidate that is significant, lowers chi^2 + 2 q by 6 also without any one reading, and
     predicts held-out presses better.
 
-    One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance. A `further`
-    effect lowers their error in N, too: what the form of the first one lacks does not. `quick`: no rivals are
-    looked for.
+    Where forms are searched, a covariate of presses that shows the effect may be significant instead. One with p
+    below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance. A `further` effect
+    lowers their error in N, too: what the form of the first one lacks does not. `quick`: no rivals are looked for.
     """
     current = turn.about
+    of_press = {c.name for c in seen_covariates(current) if c.of_press}
+    shown = {c.key for c in turn.score_test.covariates if c.p_adjusted <= level} & of_press
+    searched = {c.effect.key for c in turn.candidates if c.effect.searched > 1 and shown & {*c.effect.seen_in}}
     may = [
         c
         for c in turn.candidates
-        if turn.scored[c.effect.key].p_adjusted <= level
+        if (turn.scored[c.effect.key].p_adjusted <= level or c.effect.key in searched)
         and inside(c)
         and c.cost + refit.by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]

@@ -3,9 +3,10 @@
     P -> P + K0 w (gamma (w/h)^2 + gamma_2 (w/h)^4)
 
 The next terms of the series whose first is beta: the strain energies of Yeoh and Gent add a force that grows with
-the square of the strain w/h; near the end of its chains a gel needs the second term. Both are dimensionless. Range:
-gamma from -60 to 120, gamma_2 up to 1000 either way; vanishes at gamma = 0 with one term. Confused with relaxation and a rounded edge; slow and fast presses, or several radii, distinguish it. Sources: Yeoh, Rubber
-Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
+the square of the strain w/h; a gel near the end of its chains needs the second term. Range, dimensionless:
+gamma from -60 to 120, gamma_2 up to 1000 either way; vanishes where both are 0. Confused with relaxation and a
+rounded edge; slow and fast presses, or several radii, distinguish it. Sources: Yeoh, Rubber Chem. Technol. 66
+(1993) 754; Gent, ibid. 69 (1996) 59.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ class Stiffening(EffectBase):
     source = "Yeoh, Rubber Chem. Technol. 66 (1993) 754"
     order = 190
     instead_of_beta = 4
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The coefficient of each term."""

@@ -4,8 +4,9 @@
     w = w_read - t a theta
 
 w is the depth of the face's centre. t is 1 where the depth counts from the first touch of the lower edge, and 0
-where it counts from the undeformed surface; a stage may be set to either, so t is fitted. f is the exact contact without tension of a rigid flat face on a bonded layer, tabulated in tactilevision.mechanics.tilted_punch;
-from w = 2 a theta on the whole face is in contact, since its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is nowhere
+where it counts from the undeformed surface; a stage may be set to either, so t is fitted. f is the exact contact
+without tension of a rigid flat face on a bonded layer, tabulated in tactilevision.mechanics.tilted_punch; from
+w = 2 a theta on the whole face is in contact, since its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is nowhere
 negative. Below -a theta nothing presses, and adhesion acts on all of w.
 
 Range: theta up to .1 rad; vanishes at theta = 0. It acts only at small depth and is confused with a depth zero and

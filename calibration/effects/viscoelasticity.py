@@ -96,8 +96,8 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
         q(t) = P_e(t) - Int_0^t exp(-(t - s)/tau) dP_e(s)
 
     P_e is linear between samples, so each step is exact, h_new = h exp(-dt/tau) + dP tau/dt (1 - exp(-dt/tau)),
-    and each press starts at 0. Between a sample in air and one in contact it is linear from the touch on. Source: Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the
-    recursion).
+    and each press starts at 0. Between a sample in air and one in contact it is linear from the touch on. Source:
+    Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
     """
     from scipy.linalg.lapack import dtbtrs
 

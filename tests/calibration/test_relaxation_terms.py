@@ -75,8 +75,6 @@ def test_two_terms_of_stiffening_follow_a_gel_near_the_end_of_its_chains() -> No
     effect = get_effect("stiffening:2")
     added = [(MODEL + effect).predict(np.array([*TRUTH, *own]), data) for own in ((0, 0), (1, 0), (0, 1))]
     columns = np.column_stack([depth, depth * strain, added[1] - added[0], added[2] - added[0]])
-    worst = [
-        np.max(np.abs(columns[:, :k] @ np.linalg.lstsq(columns[:, :k], gent)[0] / gent - 1)) for k in (3, 4)
-    ]
+    worst = [np.max(np.abs(columns[:, :k] @ np.linalg.lstsq(columns[:, :k], gent)[0] / gent - 1)) for k in (3, 4)]
     assert worst[1] < worst[0] / 5
     assert worst[1] < 2e-3
