@@ -323,18 +323,22 @@ def _confirmed(turn: Round, level: float, each: Each, *, further: bool, quick: b
     """Return the best candidate that is significant, lowers chi^2 + 2 q by 6 also without any one reading, and
     predicts held-out presses better.
 
-    Where forms are searched, a covariate of presses that shows the effect may be significant instead. One with p
-    below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance. A `further` effect
-    lowers their error in N, too: what the form of the first one lacks does not. `quick`: no rivals are looked for.
+    Where forms are searched, a covariate of presses that shows the effect may be significant instead, or another
+    effect that it shows. One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave
+    to chance. A `further` effect lowers their error in N, too: what the form of the first one lacks does not.
+    `quick`: no rivals are looked for.
     """
     current = turn.about
     of_press = {c.name for c in seen_covariates(current) if c.of_press}
-    shown = {c.key for c in turn.score_test.covariates if c.p_adjusted <= level} & of_press
-    searched = {c.effect.key for c in turn.candidates if c.effect.searched > 1 and shown & {*c.effect.seen_in}}
+    keys = {key for key, one in turn.scored.items() if one.p_adjusted <= level}
+    shown = {c.key for c in turn.score_test.covariates if c.p_adjusted <= level}
+    shown.update(*(c.effect.seen_in for c in turn.candidates if c.effect.key in keys))
+    alike = [c.effect for c in turn.candidates if shown & of_press & {*c.effect.seen_in}]
+    keys |= {effect.key for effect in alike if effect.searched > 1}
     may = [
         c
         for c in turn.candidates
-        if (turn.scored[c.effect.key].p_adjusted <= level or c.effect.key in searched)
+        if c.effect.key in keys
         and inside(c)
         and c.cost + refit.by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]
