@@ -18,8 +18,9 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis import refit
+from calibration.diagnosis.covariates import seen_covariates
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, adopt, inside, refit_with, skill
-from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.repeats import LEVEL, refit_with_pure_noise
@@ -304,11 +305,11 @@ def _with_terms(about: Fit, candidate: Candidate) -> Candidate:
 
 
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
-    """Return the fit under the noise that the best effect leaves, where presses are few.
+    """Return the fit under the noise that the best effect leaves, where that is less from press to press.
 
     Otherwise what changes from press to press counts as their scatter, and no two effects are distinguished.
     """
-    if not scatter_unknown(current.data) or best.p_adjusted > level:
+    if best.p_adjusted > level:
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
@@ -322,15 +323,22 @@ def _confirmed(turn: Round, level: float, each: Each, *, further: bool, quick: b
     """Return the best candidate that is significant, lowers chi^2 + 2 q by 6 also without any one reading, and
     predicts held-out presses better.
 
-    One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance. A `further`
-    effect lowers their error in N, too: what the form of the first one lacks does not. `quick`: no rivals are
-    looked for.
+    Where forms are searched, a covariate of presses that shows the effect may be significant instead, or another
+    effect that it shows. One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave
+    to chance. A `further` effect lowers their error in N, too: what the form of the first one lacks does not.
+    `quick`: no rivals are looked for.
     """
     current = turn.about
+    of_press = {c.name for c in seen_covariates(current) if c.of_press}
+    keys = {key for key, one in turn.scored.items() if one.p_adjusted <= level}
+    shown = {c.key for c in turn.score_test.covariates if c.p_adjusted <= level}
+    shown.update(*(c.effect.seen_in for c in turn.candidates if c.effect.key in keys))
+    alike = [c.effect for c in turn.candidates if shown & of_press & {*c.effect.seen_in}]
+    keys |= {effect.key for effect in alike if effect.searched > 1}
     may = [
         c
         for c in turn.candidates
-        if turn.scored[c.effect.key].p_adjusted <= level
+        if c.effect.key in keys
         and inside(c)
         and c.cost + refit.by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]

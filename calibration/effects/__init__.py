@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
 
-from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.effects.stiffening import Stiffening
+from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
@@ -45,20 +46,20 @@ def get_effect(key: str) -> Effect:
 
     "viscoelasticity:2" has two terms. Raises InputError for an unknown key.
     """
-    name, _, terms = key.partition(":")
-    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
-        return Viscoelasticity(terms=int(terms))
-    if key not in EFFECTS:
+    found, whole = EFFECTS.get(key.partition(":")[0]), key.removesuffix(":1")
+    while found is not None and written(found) != whole:
+        found = found.richer()
+    if found is None:
         raise InputError(
             "there is no effect of this name",
             where="effect",
             value=key,
             remedy=f"Choose among: {', '.join(EFFECTS)}.",
         )
-    return EFFECTS[key]
+    return found
 
 
 def written(effect: Effect) -> str:
     """Return the text from which `get_effect` makes this effect."""
-    terms = effect.terms if isinstance(effect, Viscoelasticity) else 1
+    terms = effect.terms if isinstance(effect, (Stiffening, Viscoelasticity)) else 1
     return effect.key if terms == 1 else f"{effect.key}:{terms}"

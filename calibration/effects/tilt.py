@@ -3,10 +3,10 @@
     w_eff = a theta f(w/(a theta), a/h)    for -a theta < w < 2 a theta,    w_eff = w beyond,
     w = w_read - t a theta
 
-w is the depth of the face's centre. t is 1 where the depth counts from the first touch of the lower edge, as a
-stage's does, and 0 where it counts from the undeformed surface; for other depths it is fitted. f is the exact
-contact without tension of a rigid flat face on a bonded layer, tabulated in tactilevision.mechanics.tilted_punch;
-from w = 2 a theta on the whole face is in contact, since its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is nowhere
+w is the depth of the face's centre. t is 1 where the depth counts from the first touch of the lower edge, and 0
+where it counts from the undeformed surface; a stage may be set to either, so t is fitted. f is the exact contact
+without tension of a rigid flat face on a bonded layer, tabulated in tactilevision.mechanics.tilted_punch; from
+w = 2 a theta on the whole face is in contact, since its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is nowhere
 negative. Below -a theta nothing presses, and adhesion acts on all of w.
 
 Range: theta up to .1 rad; vanishes at theta = 0. It acts only at small depth and is confused with a depth zero and
@@ -46,22 +46,14 @@ class Tilt(EffectBase):
         Parameter("from_touch", "1", 0.0, (0, 1), "0: depth of the centre; 1: since the first touch", 0.3),
     )
 
-    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """Return the parameters; a stage's depth counts from the first touch."""
-        angle, touch = self.parameters
-        return angle, touch.held_at(1) if data.depth_source == "stage" else touch
-
-    def starts(self, data: Observations) -> Floats:
-        """Return starts over the angles."""
-        counts = (1.0,) if data.depth_source == "stage" else (0.0, 1.0)
-        return np.array([[angle, touch] for angle in (0.002, 0.005, 0.01, 0.02, 0.04) for touch in counts])
+    start_values = tuple((angle, touch) for angle in (0.002, 0.005, 0.01, 0.02, 0.04) for touch in (0.0, 1.0))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of an upright punch of the same force."""
         if values[0] <= 0:
             return state
         reach = data.radius_mm * values[0]
-        centre = (state.depth_mm - reach * (1.0 if data.depth_source == "stage" else values[1])) / reach
+        centre = (state.depth_mm - reach * values[1]) / reach
         effective = np.empty(data.size)
         for radius in np.unique(data.presses.radius_mm):
             mine = data.radius_mm == radius

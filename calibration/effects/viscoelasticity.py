@@ -96,8 +96,8 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
         q(t) = P_e(t) - Int_0^t exp(-(t - s)/tau) dP_e(s)
 
     P_e is linear between samples, so each step is exact, h_new = h exp(-dt/tau) + dP tau/dt (1 - exp(-dt/tau)),
-    and each press starts at 0. Source: Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the
-    recursion).
+    and each press starts at 0. Between a sample in air and one in contact it is linear from the touch on. Source:
+    Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
     """
     from scipy.linalg.lapack import dtbtrs
 
@@ -112,9 +112,16 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
 
 @lru_cache(maxsize=KEPT)
 def _step(data: Observations, tau_s: float) -> tuple[Floats, Floats]:
-    """Return exp(-dt/tau) and tau/dt (1 - exp(-dt/tau)), (N,) each; the decay is 0 from press to press."""
+    """Return exp(-dt/tau) and tau/dt (1 - exp(-dt/tau)), (N,) each; the decay is 0 from press to press.
+
+    Where the press touches or leaves between two samples, dt of the second is the time in contact.
+    """
     ratio = np.maximum(np.diff(data.time_s, prepend=data.time_s[0]), 0) / tau_s
-    gain = np.where(ratio > 1e-8, -np.expm1(-ratio) / np.maximum(ratio, NONZERO), 1.0)
-    decay = np.exp(-ratio)
+    now, before = data.depth_mm, np.roll(data.depth_mm, 1)
+    deeper = np.maximum(now, before)
+    share = np.where(now * before < 0, deeper / np.maximum(np.abs(now - before), NONZERO), 1.0)
+    decay, loaded = np.exp(-ratio), share * ratio
+    gain = np.where(loaded > 1e-8, -np.expm1(-loaded) / np.maximum(loaded, NONZERO), 1.0)
+    gain *= np.where(now < 0, np.exp(loaded - ratio), 1.0)  # it fades in air
     decay[data.first] = 0
     return decay, gain

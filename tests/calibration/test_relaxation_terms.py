@@ -11,7 +11,7 @@ from test_screen import MODEL, TRUTH, measured, pure
 
 from calibration.diagnosis.forward_selection import forward_selection
 from calibration.effects import EFFECTS, get_effect, written
-from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity, relaxed
 from calibration.inputs.observations import Observations
 from tactilevision.errors import InputError
 
@@ -53,3 +53,28 @@ def test_terms_are_named_by_number_and_end() -> None:
     assert Viscoelasticity(terms=MAX_TERMS).richer() is None
     with pytest.raises(InputError, match="no effect of this name"):
         get_effect(f"viscoelasticity:{MAX_TERMS + 1}")
+
+
+@pytest.mark.parametrize("touch_s", [0.05, 0.33])
+def test_a_short_lag_is_exact_where_a_press_touches_between_two_samples(touch_s: float) -> None:
+    """A filter of first order lags behind a ramp k (t - t_0) by k tau (1 - exp(-(t - t_0)/tau))."""
+    time, tau = np.array([0.0, 0.4, 0.8]), 0.05
+    ramp = np.maximum(time - touch_s, 0.0)
+    data = observations([time - touch_s], [indenter()], time_s=[time], phase=[["load"] * 3])
+    lag = -tau * np.expm1(-ramp / tau)
+    assert ramp - relaxed(ramp, tau, data=data) == pytest.approx(lag, rel=1e-9)
+
+
+def test_two_terms_of_stiffening_follow_a_gel_near_the_end_of_its_chains() -> None:
+    """J_m/(J_m - J) of Gent, Rubber Chem. Technol. 69 (1996) 59, at J_m = .8."""
+    depth = np.linspace(0.02, 0.5, 25)
+    data = observations([depth], [indenter()])
+    strain = depth / data.gel.thickness_mm
+    stretch = 1 - strain
+    gent = depth * 0.8 / (0.8 - (stretch**2 + 2 / stretch - 3))
+    effect = get_effect("stiffening:2")
+    added = [(MODEL + effect).predict(np.array([*TRUTH, *own]), data) for own in ((0, 0), (1, 0), (0, 1))]
+    columns = np.column_stack([depth, depth * strain, added[1] - added[0], added[2] - added[0]])
+    worst = [np.max(np.abs(columns[:, :k] @ np.linalg.lstsq(columns[:, :k], gent)[0] / gent - 1)) for k in (3, 4)]
+    assert worst[1] < worst[0] / 5
+    assert worst[1] < 2e-3
