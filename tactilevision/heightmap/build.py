@@ -26,6 +26,7 @@ from tactilevision.heightmap.reference_match import (
     some_frames,
     spread_frames,
 )
+from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register
 from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
 from tactilevision.photometric.ball_detection import Ball
@@ -275,16 +276,52 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
             value=type(recording).__name__,
             remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
         )
+    frames = [*spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
-        found = _built(recording, method)
-    return found.look([*spread_frames(recording), *press_starts(recording)])
+        seen = flats_in_view(recording, [frame.rgb for frame in frames])
+        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method)
+    return with_view(found, seen).look(frames)
 
 
-def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
+def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered:
+    """Return the raw pictures of the untouched gel, in the view of rectified `pictures` (H, W, 3) of a recording.
+
+    Without such pictures, its ball presses are taken. Raises InputError where all colours have one light, and for
+    flats of another view.
+    """
     from tactilevision.recording.pictures import read_flats, read_reference
 
+    sensor, raw = recording.sensor, read_flats(recording)
+    if not pictures:
+        balls = [read_reference(recording, ball.path) for ball in recording.balls]
+        pictures = [rectify(sensor, rgb) for rgb in balls]
+    flats = [rectify(sensor, rgb) for rgb in raw]
+    pictures = [rgb for rgb in pictures if not any(np.array_equal(rgb, flat) for flat in flats)]
+    if not (flats and pictures) or len({rgb.shape for rgb in flats}) > 1:
+        return Registered(raw)
+    check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
+    if not recording.flats or in_view_of(flats, pictures):
+        return Registered(raw)
+    others = [frame.rgb for frame in spread_frames(recording, raw=True)] or balls
+    return register(raw, [rgb for rgb in others if not any(np.array_equal(rgb, flat) for flat in raw)])
+
+
+def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
+    """Return a reconstructor whose reference is known only where the flats as `seen` cover it, with their note."""
+    method = found.referenced
+    if seen.covered is not None and method is not None:
+        covered = rectify(found.sensor, np.dstack([255 * seen.covered.astype(np.uint8)] * 3))[..., 0] == 255
+        reference = replace(method.reference, usable=method.reference.usable & covered)
+        method = method.with_reference(reference)
+        match = found.match and replace(found.match, method=method)
+        found = found.varied(method=method, match=match, taught=found.taught)
+    return found.warned(seen.note) if seen.note else found
+
+
+def _built(recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None) -> Reconstructor:
+    from tactilevision.recording.pictures import read_reference
+
     sensor = recording.sensor
-    flats = [rectify(sensor, rgb) for rgb in read_flats(recording)]
     if isinstance(method, str) and method not in PHOTOMETRIC:
         return _saved(method, sensor, flats)
     if method is None and not recording.balls:
