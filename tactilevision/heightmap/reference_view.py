@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import SHIFT_SIGMA, image_shift, shared_detail
-from tactilevision.heightmap.scene_faults import SIDES, exchanged, log_blocks, spread
+from tactilevision.heightmap.scene_faults import MIN_CHANGE as CHANGED, SIDES, exchanged, log_blocks, spread
 from tactilevision.recording import layout
 from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
 
@@ -39,7 +39,7 @@ STARTS = (-0.4, -0.2, 0.0, 0.2, 0.4)  # ln of the scales that the search begins 
 STEPS = (0.1, 0.15, 0.15)  # first steps of the search: ln of scale, shifts in half pictures
 MIN_COVERED = 0.5  # of the frames' view that a registered reference covers
 REGISTERED = 0.5  # of the difference that remains: crops of seven real sets .38 at most, other units .61 and more
-MAX_LEFT = 0.04  # ln of grey that remains: real presses against their reference .034, other units .045 and more
+MAX_LEFT = 0.04  # ln of grey, of one view: real presses against their reference .034, other units .045 and more
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +78,18 @@ def check_three_lights(reference: Array, pictures: Sequence[Bytes]) -> None:
 
 def in_view_of(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> bool:
     """Return whether `pictures` are in the view of `flats`, all (H, W, 3), by texture, or else by light."""
-    reference = _mean(flats)
-    some = [rgb for rgb in _spaced(pictures, SAMPLED) if rgb.shape == reference.shape]
-    if not some or any(shared_detail(reference, rgb) > SHIFT_SIGMA for rgb in some):
+    reference, some = _mean(flats), _spaced(pictures, SAMPLED)
+    if any(rgb.shape != reference.shape for rgb in some):
         return True
-    if image_shift(reference, some) is not None:  # a knock on the camera: such maps are flagged
+    light, now = log_blocks(reference, BLOCKS), _usual(pictures)
+    if exchanged(light, now):
+        return False
+    if any(shared_detail(reference, rgb) > SHIFT_SIGMA for rgb in some):
         return True
-    return spread(_centred(_usual(pictures) - log_blocks(reference, BLOCKS))) < MIN_CHANGE
+    # a camera that was knocked keeps its view, and its maps are flagged; marks of another gel may seem moved, too
+    moved = np.array(image_shift(reference, some) or (0.0, 0.0)) / reference.shape[1::-1]
+    alike = MAX_LEFT if moved.any() else MIN_CHANGE
+    return spread(_centred(now - _warped(light, np.array([0.0, *(-2 * moved)])))) < alike
 
 
 def register(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> Registered:
@@ -101,13 +106,13 @@ def register(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> Registered:
     fine = np.asarray(np.median([log_blocks(rgb, FINE) for rgb in _spaced(pictures, MIN_PICTURES)], axis=0))
     place = _search(log_blocks(reference, FINE), fine, _fit(light, now), 0.02)
     left = spread(_centred(now - _warped(light, place)))
-    if left < min(REGISTERED * before, MAX_LEFT):
+    if left < min(REGISTERED * before, CHANGED):
         return _registered(flats, pictures, place)
     if before < MAX_LEFT or len(pictures) < MIN_PICTURES:
         return Registered(flats)
     raise _other_view(
-        f"its texture is another, and its light differs by {100 * np.expm1(before):.0f} %, at any scale and shift: "
-        "another crop, place or unit"
+        f"its texture is another, and its light differs by {100 * np.expm1(before):.0f} %, at any scale and shift",
+        "It may show another crop, place or unit.",
     )
 
 
