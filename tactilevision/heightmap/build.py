@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -108,7 +109,10 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
     """Return the `frames` that nearly entirely follow the light's drift, without false depths."""
     free = []
     for rgb in able_to_renew(method.reference.rgb, frames):
-        drift = method.change.tracker.measure(rgb)
+        try:
+            drift = method.change.tracker.measure(rgb)
+        except InputError:
+            continue
         if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
             free.append(rgb)
     return free
@@ -162,7 +166,7 @@ def tuned(
         settled = replace(settled, card=replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
-        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
+        flat = [one.depth_mm for one in map(reader.sound_map, untouched_of(method, free)) if one]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
     light = measured_light(
@@ -184,8 +188,9 @@ def depth_terms_mm(
     """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
     for rgb, _ in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
-        seen = reader.read_rectified(rgb)
-        found.append(contributions_mm(seen.height, seen.terms_mm()))
+        with suppress(InputError):
+            seen = reader.read_rectified(rgb)
+            found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
@@ -195,7 +200,9 @@ def untouched_rms_mm(
     """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
     found = []
     for rgb, ball in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
-        height = reconstructor.rectified_map(rgb)
+        height = reconstructor.sound_map(rgb)
+        if height is None:
+            continue
         away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
         if away.any():
             found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
