@@ -276,12 +276,6 @@ class Reconstructor:
     def _check_whole(self, surface: Surface, name: str) -> None:
         """Raise InputError for a torn picture, and for a map that is deeper than its gel can be pressed."""
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
-        if high > self.deepest_mm:
-            raise InputError(
-                f"the map is {high:.2g} mm deep, and gel of this sensor is at most {self.deepest_mm:.2g} mm",
-                where=name or "frame",
-                remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
-            )
         frame = surface.reading.frame
         row = None if frame is None or max(-low, high) < MIN_CHECKED_MM else self.tear_check(frame)
         if row is not None:
@@ -289,6 +283,12 @@ class Reconstructor:
                 f"the picture is torn at row {row}: above and below it are of two moments",
                 where=name or "frame",
                 remedy="Exclude the frame; read the camera into a buffer that is not written at the same time.",
+            )
+        if high > self.deepest_mm:
+            raise InputError(
+                f"the map is {high:.2g} mm deep, and gel of this sensor is pressed by at most {self.deepest_mm:.2g} mm",
+                where=name or "frame",
+                remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
             )
 
     def sound_map(self, rgb: Bytes) -> HeightMap | None:

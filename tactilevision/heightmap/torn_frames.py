@@ -64,7 +64,7 @@ class TearCheck:
 
 
 def tear_of(rows: Floats) -> int | None:
-    """Return the first row below a tear in means (rows, blocks, 3) of the change of grey, NaN where there is none."""
+    """Return the first row below a tear in means (rows, blocks, 3) of the change of grey, NaN where none."""
     return _tear_of(rows.reshape(len(rows), -1)) or _tear_of(rows.mean(axis=2))
 
 
