@@ -286,7 +286,7 @@ class Reconstructor:
             )
         if high > self.deepest_mm:
             raise InputError(
-                f"the map is {high:.2g} mm deep, and gel of this sensor is pressed by at most {self.deepest_mm:.2g} mm",
+                f"the map is {high:.2g} mm deep, more than the {self.deepest_mm:.2g} mm that this gel allows",
                 where=name or "frame",
                 remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
             )

@@ -132,7 +132,7 @@ def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair 
 
 
 def shared_detail(reference: npt.NDArray[Any], picture: npt.NDArray[Any]) -> float:
-    """Return the correlation of the detail of two pictures (H, W, 3), unmoved, in deviations of all shifts."""
+    """Return the correlation of detail of two unmoved pictures (H, W, 3), grey, in deviations over all shifts."""
     return float(_correlation(_spectrum(reference), picture)[0, 0])
 
 

@@ -154,7 +154,7 @@ def exchanged(before: Floats, now: Floats) -> str:
 
 
 def spread(change: Floats) -> float:
-    """Return the spread of a change over blocks and channels, without NaN: median, as of a normal deviation."""
+    """Return the spread of a change (h, w, ...), ln of grey, without NaN: its median, as of a normal deviation."""
     known = change[np.isfinite(change)]
     return mad_std(known) if known.size else float("inf")
 
