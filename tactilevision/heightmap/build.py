@@ -19,6 +19,7 @@ from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import (
     DEFAULT_BASELINE,
+    FRAMES_READ,
     ReferenceMatch,
     baseline,
     contact_in_reference,
@@ -50,6 +51,7 @@ from tactilevision.photometric.reference import (
     overexposed_warning,
 )
 from tactilevision.photometric.storage import load_method, load_network
+from tactilevision.recording import layout
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Array, Bytes, Floats
 from tactilevision.records.rig import Sensor
@@ -299,17 +301,23 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
     from tactilevision.recording.pictures import read_flats, read_reference
 
     sensor, raw = recording.sensor, read_flats(recording)
-    if not pictures:
-        balls = [read_reference(recording, ball.path) for ball in recording.balls]
-        pictures = [rectify(sensor, rgb) for rgb in balls]
     flats = [rectify(sensor, rgb) for rgb in raw]
+    balls = () if pictures else recording.balls[:FRAMES_READ]
+    pictures = pictures or [rectify(sensor, read_reference(recording, ball.path)) for ball in balls]
     pictures = [rgb for rgb in pictures if not any(np.array_equal(rgb, flat) for flat in flats)]
     if not (flats and pictures) or len({rgb.shape for rgb in flats}) > 1:
         return Registered(raw)
     check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
     if not recording.flats or in_view_of(flats, pictures):
         return Registered(raw)
-    others = [frame.rgb for frame in spread_frames(recording, raw=True)] or balls
+    pressed = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
+    others = pressed if balls else [frame.rgb for frame in spread_frames(recording, raw=True)]
+    if pressed and not balls and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
+        raise InputError(
+            "the frames are not of the view of the reference and the ball presses",
+            where=layout.FLATS,
+            remedy="Take all of them with one camera setting.",
+        )
     return register(raw, [rgb for rgb in others if not any(np.array_equal(rgb, flat) for flat in raw)])
 
 

@@ -22,6 +22,7 @@ from tactilevision.heightmap.deviation import DepthError, Surface, shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, rises_too_much
 from tactilevision.heightmap.poisson import TwoGridPoisson, integrate
 from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
+from tactilevision.heightmap.reference_view import check_three_lights, has_one_hue
 from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.heightmap.walls import PunchEdge, WallLaw, restore_windows
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
@@ -169,6 +170,11 @@ class Reconstructor:
         return TearCheck(self.sensor)
 
     @cached_property
+    def has_one_hue(self) -> bool:
+        """Return whether the reference may be lit by one light."""
+        return self.referenced is not None and has_one_hue(self.referenced.reference.rgb)
+
+    @cached_property
     def deepest_mm(self) -> float:
         """Return the greatest depth in mm that gel of the sensor can have."""
         return deepest_mm(self.sensor)
@@ -274,11 +280,14 @@ class Reconstructor:
         return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.reading.frame)
 
     def _check_whole(self, surface: Surface, name: str) -> None:
-        """Raise InputError for a torn picture, and for a map that is deeper than its gel can be pressed."""
+        """Raise InputError for a picture that is torn or under one light, and a map deeper than its gel allows."""
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
         frame = surface.reading.frame
-        row = None if frame is None or max(-low, high) < MIN_CHECKED_MM else self.tear_check(frame)
-        if row is not None:
+        if max(-low, high) < MIN_CHECKED_MM:
+            return
+        if frame is not None and self.has_one_hue:
+            check_three_lights(frame.reference.reference.rgb, [frame.rgb])
+        if frame is not None and (row := self.tear_check(frame)) is not None:
             raise InputError(
                 f"the picture is torn at row {row}: above and below it are of two moments",
                 where=name or "frame",
@@ -341,4 +350,4 @@ class Reconstructor:
             self.__dict__.pop("light_check", None)
 
 
-MADE_ONCE = ("referenced", "readable", "error", "grids", "tear_check", "deepest_mm", "light_check")
+MADE_ONCE = ("referenced", "readable", "error", "grids", "tear_check", "has_one_hue", "deepest_mm", "light_check")

@@ -33,7 +33,8 @@ MIN_PICTURES = 3  # fewer may all show a contact over most of the gel
 SAMPLED = 4  # pictures whose texture is compared, evenly spaced
 ALIKE = 0.9  # correlation of the colours' changes, each pair: white light .975 and more, coloured at most .43
 MAX_CHROMA = 0.06  # ln of grey, spread of the reference's hue: white light .012 at most, coloured .106 and more
-MIN_CHANGE = 0.02  # ln of grey, rms: less is noise, in which JPEG makes colours alike
+LEAST_SHOWN = 0.008  # ln of grey, rms: less is noise, in which JPEG makes colours alike
+MIN_CHANGE = 0.02  # ln of grey, spread: a reference that differs by less needs no texture to be of the view
 MAX_OFF = 0.5  # ln of grey of a block that a contact may be off by and still count
 STARTS = (-0.4, -0.2, 0.0, 0.2, 0.4)  # ln of the scales that the search begins with
 STEPS = (0.1, 0.15, 0.15)  # first steps of the search: ln of scale, shifts in half pictures
@@ -60,11 +61,12 @@ def check_three_lights(reference: Array, pictures: Sequence[Bytes]) -> None:
 
     All colours then have one pattern in the reference, and change alike under a contact.
     """
+    if not has_one_hue(reference):
+        return
     before = log_blocks(reference, BLOCKS)
     centred = [_centred(log_blocks(rgb, BLOCKS) - before) for rgb in pictures if rgb.shape == reference.shape]
-    hue = _centred(before) - _centred(before).mean(axis=2, keepdims=True)
     change = np.concatenate([np.zeros((1, 3)), *(one.reshape(-1, 3) for one in centred)])
-    if float(hue.std()) > MAX_CHROMA or float(change.std()) < MIN_CHANGE:
+    if float(change.std()) < LEAST_SHOWN:
         return
     alike = float(np.corrcoef(change.T).min())
     if alike > ALIKE:
@@ -74,6 +76,12 @@ def check_three_lights(reference: Array, pictures: Sequence[Bytes]) -> None:
             where="frames",
             remedy="Sensors under white light (DTact, 9DTact) read depth from brightness, which is not supported.",
         )
+
+
+def has_one_hue(reference: Array) -> bool:
+    """Return whether a reference (H, W, 3), in grey levels, has one hue all over, as under one light."""
+    pattern = _centred(log_blocks(reference, BLOCKS))
+    return float((pattern - pattern.mean(axis=2, keepdims=True)).std()) < MAX_CHROMA
 
 
 def in_view_of(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> bool:

@@ -17,11 +17,17 @@ from shared_scenes import SAMPLE
 from tactilevision.cli import main
 from tactilevision.errors import InputError
 from tactilevision.heightmap.build import build_reconstructor, flats_in_view
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_view import check_three_lights, in_view_of, register
+from tactilevision.photometric.methods.network import find_model
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_network
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.images import read_image
+from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Bytes
+from tactilevision.sensors import get_sensor
 from tactilevision.sensors.rectification import rectify
 
 REAL = Path(__file__).parents[3] / "shared" / "real"
@@ -132,3 +138,31 @@ def test_the_reference_among_the_frames_says_nothing_of_the_view() -> None:
     flats = [rectify(recording.sensor, read_image(path)) for path in recording.flats]
     assert flats_in_view(recording, flats).note == ""
     assert flats_in_view(dataclasses.replace(recording, flats=()), flats).flats == []
+
+
+def test_frames_of_another_view_than_the_balls_are_refused(tmp_path: Path) -> None:
+    """A registered reference would contradict the ball presses of its own view."""
+    recording = read_recording(SAMPLE)
+    for k in range(0, 40, 10):
+        rgb = cropped(read_frame(recording, k).rgb)
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), rgb[..., ::-1])
+    names = tuple(sorted(path.name for path in tmp_path.iterdir()))
+    times = np.arange(len(names), dtype=np.float64)
+    other = dataclasses.replace(recording, frames_path=tmp_path, frame_names=names, frame_times_s=times)
+    with pytest.raises(InputError, match="not of the view of the reference and the ball presses"):
+        build_reconstructor(other)
+
+
+def test_a_single_picture_under_white_light_is_rejected() -> None:
+    """As of a video whose first frames are untouched."""
+    grey = np.full((240, 320, 3), 120, np.uint8)
+    y, x = np.mgrid[:240, :320]
+    flat = white(grey, 0.05 * (x - 160) / 160)
+    press = white(grey, 0.05 * (x - 160) / 160 - 0.4 * np.exp(-((x - 150) ** 2 + (y - 110) ** 2) / 400))
+    sensor = get_sensor("gelsight_mini")
+    path = find_model("gelsight_mini")
+    assert path is not None
+    reader = Reconstructor(sensor, load_network(path, make_reference([flat])))
+    reader.rectified_map(flat)
+    with pytest.raises(InputError, match="three colours change alike"):
+        reader.rectified_map(press)
