@@ -12,8 +12,8 @@ SHARED, in colours or in their mean, which JPEG blurs less.
 
 Of real pictures (eight sets of GelSlim, GelSight Mini and Wedge) torn at any row, 5 % are found where both moments
 differ by less than 4 grey levels rms in the rows that meet, 40 % up to 8, 69 % up to 16 and 91 % beyond; saved as
-JPEG afterwards, 2, 23, 49 and 68 %. The row is right, and none of 747 whole ones is called torn. Maps of torn pictures that pass are off by .002 to .05 mm
-rms, .2 mm at most, where peaks are .2 to 1.4 mm.
+JPEG afterwards, 2, 23, 49 and 68 %. The row is right, and none of 747 whole ones is called torn. Maps of torn
+pictures that pass are off by .002 to .05 mm rms, .2 mm at most, where peaks are .2 to 1.4 mm.
 """
 
 from __future__ import annotations
