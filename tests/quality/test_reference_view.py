@@ -105,7 +105,7 @@ def white(rgb: Bytes, change: np.ndarray) -> Bytes:
     """The picture of a ball in a gel under one light, from its grey and a change of it."""
     grey = cv2.GaussianBlur(rgb.astype(np.float32).mean(axis=2), (0, 0), 30)
     warm = np.array([1.0, 0.9, 0.75], np.float32) * (1 + change)[..., None]
-    return np.clip(np.rint(grey[..., None] * warm), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(grey[..., None] * warm), 0, 255), np.uint8)
 
 
 @each("kind", ["gelsight_mini", "gelslim3", "custom"])
@@ -130,7 +130,7 @@ def test_white_light_is_refused_whatever_the_sensor_is_called(
 @each("name", sorted(SETS))
 def test_coloured_light_is_not_white(name: str) -> None:
     untouched, presses = pictures(name)
-    check_three_lights(untouched, presses)
+    check_three_lights(untouched.astype(np.float32), presses)
 
 
 def test_the_reference_among_the_frames_says_nothing_of_the_view() -> None:
