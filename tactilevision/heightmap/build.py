@@ -324,13 +324,13 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
 def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
     """Return a reconstructor whose reference is known only where the flats as `seen` cover it, with their note."""
     method = found.referenced
-    if seen.covered is not None and method is not None:
+    if not seen.note or method is None:
+        return found
+    if seen.covered is not None:
         covered = rectify(found.sensor, np.dstack([255 * seen.covered.astype(np.uint8)] * 3))[..., 0] == 255
-        reference = replace(method.reference, usable=method.reference.usable & covered)
-        method = method.with_reference(reference)
-        match = found.match and replace(found.match, method=method)
-        found = found.varied(method=method, match=match, taught=found.taught)
-    return found.warned(seen.note) if seen.note else found
+        method = method.with_reference(replace(method.reference, usable=method.reference.usable & covered))
+    match = found.match and replace(found.match, method=method, registered=True)
+    return found.varied(method=method, match=match, taught=found.taught).warned(seen.note)
 
 
 def _built(recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None) -> Reconstructor:

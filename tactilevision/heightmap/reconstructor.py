@@ -175,11 +175,6 @@ class Reconstructor:
         return self.referenced is not None and has_one_hue(self.referenced.reference.rgb)
 
     @cached_property
-    def deepest_mm(self) -> float:
-        """Return the greatest depth in mm that gel of the sensor can have."""
-        return deepest_mm(self.sensor)
-
-    @cached_property
     def light_check(self) -> LightCheck | None:
         """Return the check for unexplained light; None where balls did not determine the method's law."""
         method = self.referenced
@@ -293,9 +288,9 @@ class Reconstructor:
                 where=name or "frame",
                 remedy="Exclude the frame; read the camera into a buffer that is not written at the same time.",
             )
-        if high > self.deepest_mm:
+        if high > (allowed := deepest_mm(self.sensor)):
             raise InputError(
-                f"the map is {high:.2g} mm deep, more than the {self.deepest_mm:.2g} mm that this gel allows",
+                f"the map is {high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows",
                 where=name or "frame",
                 remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
             )
@@ -350,4 +345,4 @@ class Reconstructor:
             self.__dict__.pop("light_check", None)
 
 
-MADE_ONCE = ("referenced", "readable", "error", "grids", "tear_check", "has_one_hue", "deepest_mm", "light_check")
+MADE_ONCE = ("referenced", "readable", "error", "grids", "tear_check", "has_one_hue", "light_check")

@@ -202,7 +202,7 @@ class ReferenceMatch:
 
     `usual` is the baseline (`misfit`, `zero_std_mm`); None: that of the method's card. `other_light`: method or
     pictures have another light or order than the reference. `shift_px` (right, down) of the pictures;
-    `contact_px`: where (x, y) frames show a contact in the reference itself.
+    `contact_px`: where (x, y) frames show a contact in the reference itself; `registered`: it is of another crop.
     """
 
     method: CalibratedMethod
@@ -210,6 +210,7 @@ class ReferenceMatch:
     other_light: bool = False
     shift_px: Pair | None = None
     contact_px: Pair | None = None
+    registered: bool = False
 
     @property
     def pressed_px(self) -> Pair | None:

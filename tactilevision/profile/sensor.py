@@ -303,7 +303,7 @@ def make_profile(
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),
-        followed_in(recording, picture),
+        "nothing" if reconstructor.match and reconstructor.match.registered else followed_in(recording, picture),
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),

@@ -26,6 +26,7 @@ from tactilevision.recording.read_tables import read_forces
 from tactilevision.recording.settings import ForceSettings
 from tactilevision.recording.tables import read_table
 from tactilevision.records.maps import LIGHT
+from tactilevision.sensors import deepest_mm
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_frames" / "gelslim3"
@@ -255,7 +256,7 @@ def test_a_picture_of_nothing_is_never_a_depth(kind: str) -> None:
     grey = np.full(shape, 128, np.uint8)
     noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     height = reconstructor.sound_map(grey if kind == "grey" else noise)
-    assert height is None or (LIGHT in height.flags and height.depth_mm.max() < reconstructor.deepest_mm)
+    assert height is None or (LIGHT in height.flags and height.depth_mm.max() < deepest_mm(reconstructor.sensor))
 
 
 def test_a_force_that_no_gel_bears_is_refused_with_its_line(tmp_path: Path) -> None:

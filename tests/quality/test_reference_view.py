@@ -22,6 +22,7 @@ from tactilevision.heightmap.reference_view import check_three_lights, in_view_o
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.reference import make_reference
 from tactilevision.photometric.storage import load_network
+from tactilevision.profile.sensor import make_profile
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.images import read_image
 from tactilevision.recording.pictures import read_frame
@@ -166,3 +167,18 @@ def test_a_single_picture_under_white_light_is_rejected() -> None:
     reader.rectified_map(flat)
     with pytest.raises(InputError, match="three colours change alike"):
         reader.rectified_map(press)
+
+
+@real
+def test_no_shear_is_measured_from_a_registered_reference(tmp_path: Path) -> None:
+    untouched, presses = pictures("gelslim3_mcubelab/markerless")
+    cv2.imwrite(str(tmp_path / "reference.png"), cropped(untouched)[..., ::-1])
+    for k, rgb in enumerate(presses[:4]):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), rgb[..., ::-1])
+    recording = read_folder(tmp_path, "gelslim3", mm_per_px=0.0634, guess=True)
+    reader = build_reconstructor(recording)
+    assert reader.match is not None
+    assert reader.match.registered
+    valid = reader.rectified_map(presses[0]).valid
+    assert not valid[:20].any() or not valid[-20:].any()  # beyond the crop
+    assert make_profile(recording, reader).followed == "nothing"
