@@ -312,13 +312,14 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
         return Registered(raw)
     pressed = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
     others = pressed if balls else [frame.rgb for frame in spread_frames(recording, raw=True)]
-    if pressed and not balls and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
+    found = register(raw, [rgb for rgb in others if not any(np.array_equal(rgb, flat) for flat in raw)])
+    if found.note and not balls and pressed and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
         raise InputError(
             "the frames are not of the view of the reference and the ball presses",
             where=layout.FLATS,
             remedy="Take all of them with one camera setting.",
         )
-    return register(raw, [rgb for rgb in others if not any(np.array_equal(rgb, flat) for flat in raw)])
+    return found
 
 
 def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
