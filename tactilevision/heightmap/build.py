@@ -28,7 +28,7 @@ from tactilevision.heightmap.reference_match import (
     some_frames,
     spread_frames,
 )
-from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register
+from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register, shown
 from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
 from tactilevision.photometric.ball_detection import Ball
@@ -304,15 +304,14 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
     flats = [rectify(sensor, rgb) for rgb in raw]
     balls = () if pictures else recording.balls[:FRAMES_READ]
     pictures = pictures or [rectify(sensor, read_reference(recording, ball.path)) for ball in balls]
-    pictures = [rgb for rgb in pictures if not any(np.array_equal(rgb, flat) for flat in flats)]
-    if not (flats and pictures) or len({rgb.shape for rgb in flats}) > 1:
+    if len({rgb.shape for rgb in flats}) != 1 or not (pictures := shown(pictures, flats)):
         return Registered(raw)
     check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
     if not recording.flats or in_view_of(flats, pictures):
         return Registered(raw)
     pressed = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
     others = pressed if balls else [frame.rgb for frame in spread_frames(recording, raw=True)]
-    found = register(raw, [rgb for rgb in others if not any(np.array_equal(rgb, flat) for flat in raw)])
+    found = register(raw, shown(others, raw))
     if found.note and not balls and pressed and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
         raise InputError(
             "the frames are not of the view of the reference and the ball presses",

@@ -24,6 +24,7 @@ from scipy.optimize import minimize
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import SHIFT_SIGMA, image_shift, shared_detail
 from tactilevision.heightmap.scene_faults import MIN_CHANGE as CHANGED, SIDES, exchanged, log_blocks, spread
+from tactilevision.photometric.reference import SATURATED
 from tactilevision.recording import layout
 from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
 
@@ -38,7 +39,9 @@ MIN_CHANGE = 0.02  # ln of grey, spread: a reference that differs by less needs 
 MAX_OFF = 0.5  # ln of grey of a block that a contact may be off by and still count
 STARTS = (-0.4, -0.2, 0.0, 0.2, 0.4)  # ln of the scales that the search begins with
 STEPS = (0.1, 0.15, 0.15)  # first steps of the search: ln of scale, shifts in half pictures
+FARTHEST = 0.7  # ln of scale, a factor of 2, and shift in half pictures: the farthest view that is sought
 MIN_COVERED = 0.5  # of the frames' view that a registered reference covers
+DARK = 0.1  # of the reference's grey: frames below it are black, and show no view
 REGISTERED = 0.5  # of the difference that remains: crops of seven real sets .38 at most, other units .61 and more
 MAX_LEFT = 0.04  # ln of grey, of one view: real presses against their reference .034, other units .045 and more
 
@@ -54,6 +57,13 @@ class Registered:
     flats: Sequence[Bytes]
     covered: Bools | None = None
     note: str = ""
+
+
+def shown(pictures: Sequence[Bytes], flats: Sequence[Bytes]) -> list[Bytes]:
+    """Return the `pictures` (H, W, 3), grey, that show a view: not black, white, nor the `flats` themselves."""
+    dark = DARK * float(np.mean(flats[0]))
+    lit = [rgb for rgb in pictures if dark < rgb.mean() < SATURATED]
+    return [rgb for rgb in lit if not any(np.array_equal(rgb, flat) for flat in flats)]
 
 
 def check_three_lights(reference: Array, pictures: Sequence[Bytes]) -> None:
@@ -175,6 +185,8 @@ def _search(before: Floats, now: Floats, start: Floats, step: float = 1.0) -> Fl
 
 
 def _off(place: Floats, before: Floats, now: Floats) -> float:
+    if np.abs(place).max() > FARTHEST:
+        return 2 * MAX_OFF
     change = now - _warped(before, place)
     known = np.isfinite(change).all(axis=2)
     if known.mean() < MIN_COVERED:
