@@ -318,7 +318,8 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
             where=layout.FLATS,
             remedy="Take all of them with one camera setting.",
         )
-    return found
+    note = found.note and f"{recording.flats[0].name}: {found.note}; --reference states another"
+    return replace(found, note=note)
 
 
 def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
