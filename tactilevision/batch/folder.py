@@ -26,7 +26,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.records.constants import KILO
-from tactilevision.records.maps import Frame, HeightMap, add
+from tactilevision.records.maps import FALSE, Frame, HeightMap, add
 from tactilevision.records.measured import Bools
 from tactilevision.robust import median
 
@@ -50,6 +50,11 @@ class FrameResult:
     ms: float = float("nan")
     peak_std_mm: float = float("nan")
     flags: tuple[str, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        """Return whether the map has a contact, and no flag that makes every depth of it false."""
+        return self.status == "ok" and self.contact_area_mm2 > 0 and not FALSE.intersection(self.flags)
 
 
 COLUMNS = tuple(part.name for part in fields(FrameResult))

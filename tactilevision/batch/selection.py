@@ -16,7 +16,7 @@ from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import list_images, read_frame
 from tactilevision.recording.tables import read_table
-from tactilevision.records.maps import HeightMap
+from tactilevision.records.maps import FALSE, HeightMap
 from tactilevision.records.rig import Press
 
 TRIED = 12  # frames among which the deepest is sought
@@ -71,8 +71,8 @@ def strongest_frames(recording: Recording, size: Sequence[float], *, most: int) 
 
 
 def deepest_frame(recording: Recording, reconstructor: Reconstructor) -> int:
-    """Return the number of the deepest of TRIED frames. Raises InputError where none can be read."""
-    found: list[tuple[float, int]] = []
+    """Return the number of the deepest of TRIED frames, trusted ones first. Raises InputError without any."""
+    found: list[tuple[bool, float, int]] = []
     fault: InputError | None = None
     for number in sorted(set(np.linspace(0, len(recording.frame_names) - 1, TRIED).astype(int).tolist())):
         try:
@@ -80,11 +80,12 @@ def deepest_frame(recording: Recording, reconstructor: Reconstructor) -> int:
         except InputError as refused:
             fault = refused
             continue
-        found.append((float(np.nan_to_num(peak_mm(height), nan=-1.0)), number))
+        trusted = not FALSE.intersection(height.flags)
+        found.append((trusted, float(np.nan_to_num(peak_mm(height), nan=-1.0)), number))
     if not found:
         assert fault is not None
         raise fault
-    return max(found)[1]
+    return max(found)[2]
 
 
 def _during(recording: Recording, press: Press) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -113,11 +114,14 @@ class Maps:
         return height, None
 
     def best(self) -> tuple[HeightMap, None]:
-        """Return the deepest map by depth.csv, or else the first."""
+        """Return the deepest map by depth.csv, of those that can be trusted if any, or else the first."""
         if len(self.names) == 1:
             return self.named(self.names[0])
-        listed = read_table(self.root / TABLE, Columns(words=("frame",), maybe_numbers=("peak_mm",)))
-        peaks_mm = np.nan_to_num(listed.optional("peak_mm"))
+        columns = Columns(words=("frame",), maybe_words=("flags",), maybe_numbers=("peak_mm",))
+        listed = read_table(self.root / TABLE, columns)
+        peaks_mm, flags = np.nan_to_num(listed.optional("peak_mm")), listed.words.get("flags", ())
+        trusted = np.array([not FALSE.intersection(one.split()) for one in flags], np.bool_)
+        peaks_mm = np.where(trusted, peaks_mm, 0.0) if trusted.any() else peaks_mm
         return self.named(listed.words["frame"][int(np.argmax(peaks_mm))] if peaks_mm.max() > 0 else self.names[0])
 
 

@@ -140,9 +140,9 @@ def _say(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     console.say(f"{_counted(rows)}: {out}/{maps}, {out / 'depth.csv'}")
     bad = [row for row in rows if row.status != "ok"]
     console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
-    best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
+    best = max((row for row in rows if row.trusted), key=lambda row: row.peak_mm, default=None)
     flagged = Counter(flag for row in rows for flag in row.flags)
-    console.warn(flag_messages(flagged, len(rows)))
+    console.warn(flag_messages(flagged, len(rows) - len(bad)))
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 
@@ -156,8 +156,14 @@ def _draw(
     most: int,
     anchor: FaceDepthCorrection,
 ) -> None:
-    """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none."""
-    depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
+    """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none.
+
+    Frames whose maps can be trusted come first.
+    """
+    drawn = (
+        [row.trusted for row in rows] if any(row.trusted for row in rows) else [row.status == "ok" for row in rows]
+    )
+    depth = [row.peak_mm if there else float("nan") for row, there in zip(rows, drawn, strict=True)]
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))

@@ -338,8 +338,8 @@ def force_job(
     """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
 
     Shear is measured from the first frame of the untouched gel among the recording's references, or from
-    `untouched`; without one, fx and fy are unknown. `compliance` is the gel's if it was computed before. Raises
-    InputError if the sensor's gel is not described.
+    `untouched`; without one, or with one of another crop, fx and fy are unknown. `compliance` is the gel's if it
+    was computed before. Raises InputError if the sensor's gel is not described.
     """
     sensor = recording.sensor
     if sensor.gel is None:
@@ -355,7 +355,9 @@ def force_job(
     field = ForceField(sensor.gel, material, sensor.mm_per_px, view_px=view, compliance=compliance)
     assert field.compliance is not None
     store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
-    return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
+    if untouched is None and not (reconstructor.match and reconstructor.match.registered):
+        untouched = _untouched(recording)
+    return ForceJob(field, reconstructor, untouched, store)
 
 
 def with_gel(recording: Recording, calibration: Path | None) -> Recording:

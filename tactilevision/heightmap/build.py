@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import (
     DEFAULT_BASELINE,
+    FRAMES_READ,
     ReferenceMatch,
     baseline,
     contact_in_reference,
@@ -27,6 +29,7 @@ from tactilevision.heightmap.reference_match import (
     some_frames,
     spread_frames,
 )
+from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register, shown
 from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
 from tactilevision.photometric.ball_detection import Ball
@@ -49,6 +52,7 @@ from tactilevision.photometric.reference import (
     overexposed_warning,
 )
 from tactilevision.photometric.storage import load_method, load_network
+from tactilevision.recording import layout
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Array, Bytes, Floats
 from tactilevision.records.rig import Sensor
@@ -108,7 +112,10 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
     """Return the `frames` that nearly entirely follow the light's drift, without false depths."""
     free = []
     for rgb in able_to_renew(method.reference.rgb, frames):
-        drift = method.change.tracker.measure(rgb)
+        try:
+            drift = method.change.tracker.measure(rgb)
+        except InputError:
+            continue
         if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
             free.append(rgb)
     return free
@@ -162,7 +169,7 @@ def tuned(
         settled = replace(settled, card=replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
-        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
+        flat = [one.depth_mm for one in map(reader.sound_map, untouched_of(method, free)) if one]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
     light = measured_light(
@@ -184,8 +191,9 @@ def depth_terms_mm(
     """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
     for rgb, _ in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
-        seen = reader.read_rectified(rgb)
-        found.append(contributions_mm(seen.height, seen.terms_mm()))
+        with suppress(InputError):
+            seen = reader.read_rectified(rgb)
+            found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
@@ -195,7 +203,9 @@ def untouched_rms_mm(
     """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
     found = []
     for rgb, ball in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
-        height = reconstructor.rectified_map(rgb)
+        height = reconstructor.sound_map(rgb)
+        if height is None:
+            continue
         away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
         if away.any():
             found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
@@ -276,16 +286,59 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
             value=type(recording).__name__,
             remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
         )
+    frames = [*spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
-        found = _built(recording, method)
-    return found.look([*spread_frames(recording), *press_starts(recording)])
+        seen = flats_in_view(recording, [frame.rgb for frame in frames])
+        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method)
+    return with_view(found, seen).look(frames)
 
 
-def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
+def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered:
+    """Return the raw pictures of the untouched gel, in the view of rectified `pictures` (H, W, 3) of a recording.
+
+    Without such pictures, its ball presses are taken. Raises InputError where all colours have one light, and for
+    flats of another view.
+    """
     from tactilevision.recording.pictures import read_flats, read_reference
 
+    sensor, raw = recording.sensor, read_flats(recording)
+    flats = [rectify(sensor, rgb) for rgb in raw]
+    balls = () if pictures else recording.balls[:FRAMES_READ]
+    pictures = pictures or [rectify(sensor, read_reference(recording, ball.path)) for ball in balls]
+    if len({rgb.shape for rgb in flats}) != 1 or not (pictures := shown(pictures, flats)):
+        return Registered(raw)
+    check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
+    if not recording.flats or in_view_of(flats, pictures):
+        return Registered(raw)
+    pressed = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
+    others = pressed if balls else [frame.rgb for frame in spread_frames(recording, raw=True)]
+    found = register(raw, shown(others, raw))
+    if found.note and not balls and pressed and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
+        raise InputError(
+            "the frames are not of the view of the reference and the ball presses",
+            where=layout.FLATS,
+            remedy="Take all of them with one camera setting.",
+        )
+    note = found.note and f"{recording.flats[0].name}: {found.note}; --reference states another"
+    return replace(found, note=note)
+
+
+def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
+    """Return a reconstructor whose reference is known only where the flats as `seen` cover it, with their note."""
+    method = found.referenced
+    if not seen.note or method is None:
+        return found
+    if seen.covered is not None:
+        covered = rectify(found.sensor, np.dstack([255 * seen.covered.astype(np.uint8)] * 3))[..., 0] == 255
+        method = method.with_reference(replace(method.reference, usable=method.reference.usable & covered))
+    match = found.match and replace(found.match, method=method, registered=True)
+    return found.varied(method=method, match=match, taught=found.taught).warned(seen.note)
+
+
+def _built(recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None) -> Reconstructor:
+    from tactilevision.recording.pictures import read_reference
+
     sensor = recording.sensor
-    flats = [rectify(sensor, rgb) for rgb in read_flats(recording)]
     if isinstance(method, str) and method not in PHOTOMETRIC:
         return _saved(method, sensor, flats)
     if method is None and not recording.balls:

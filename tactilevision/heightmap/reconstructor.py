@@ -7,6 +7,7 @@ untouched gel -> deviation -> flags.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +22,8 @@ from tactilevision.heightmap.deviation import DepthError, Surface, shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, rises_too_much
 from tactilevision.heightmap.poisson import TwoGridPoisson, integrate
 from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
+from tactilevision.heightmap.reference_view import check_three_lights, has_one_hue
+from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.heightmap.walls import PunchEdge, WallLaw, restore_windows
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric.calibrate import Calibration
@@ -28,7 +31,6 @@ from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import (
-    DEEPER,
     INCONSISTENT,
     SHADOW,
     STEEP,
@@ -40,6 +42,7 @@ from tactilevision.records.maps import (
 )
 from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 from tactilevision.records.rig import Sensor
+from tactilevision.sensors import deepest_mm
 from tactilevision.sensors.rectification import rectify
 
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
@@ -162,6 +165,16 @@ class Reconstructor:
         return TwoGridPoisson(self.referenced.reference.shape, tiled.px, self.sensor.mm_per_px)
 
     @cached_property
+    def tear_check(self) -> TearCheck:
+        """Return the check for torn pictures."""
+        return TearCheck(self.sensor)
+
+    @cached_property
+    def has_one_hue(self) -> bool:
+        """Return whether the reference may be lit by one light."""
+        return self.referenced is not None and has_one_hue(self.referenced.reference.rgb)
+
+    @cached_property
     def light_check(self) -> LightCheck | None:
         """Return the check for unexplained light; None where balls did not determine the method's law."""
         method = self.referenced
@@ -177,7 +190,7 @@ class Reconstructor:
         `frame` may be its pixels alone, (H, W, 3) uint8, red first.
         Pixels without usable colour (dark, saturated) are invalid; the surface is interpolated there. A picture
         that does not match the reference is flagged (heightmap/reference_match.py).
-        Raises InputError for a frame that is not of this sensor, black or saturated.
+        Raises InputError for a frame that is not of this sensor, black, saturated, torn, or deeper than its gel.
         """
         return self.read(frame).height
 
@@ -193,6 +206,7 @@ class Reconstructor:
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
         """Return the reading of a rectified picture (H, W, 3), as `read`."""
         surface = self._surface(rgb)
+        self._check_whole(surface, name)
         found, error, frame = self._inconsistency(surface), self.error, surface.reading.frame
         height = HeightMap(
             surface.depth_mm,
@@ -260,13 +274,39 @@ class Reconstructor:
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
         return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.reading.frame)
 
+    def _check_whole(self, surface: Surface, name: str) -> None:
+        """Raise InputError for a picture that is torn or under one light, and a map deeper than its gel allows."""
+        low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
+        frame = surface.reading.frame
+        if max(-low, high) < MIN_CHECKED_MM:
+            return
+        if frame is not None and self.has_one_hue:
+            check_three_lights(frame.reference.reference.rgb, [frame.rgb])
+        if frame is not None and (row := self.tear_check(frame)) is not None:
+            raise InputError(
+                f"the picture is torn at row {row}: above and below it are of two moments",
+                where=name or "frame",
+                remedy="Exclude the frame; read the camera into a buffer that is not written at the same time.",
+            )
+        if high > (allowed := deepest_mm(self.sensor)):
+            raise InputError(
+                f"the map is {high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows",
+                where=name or "frame",
+                remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
+            )
+
+    def sound_map(self, rgb: Bytes) -> HeightMap | None:
+        """Return the height map of a rectified picture; None for one that is rejected."""
+        with suppress(InputError):
+            return self.rectified_map(rgb)
+        return None
+
     def _flags(self, surface: Surface, inconsistency: Inconsistency | None) -> tuple[str, ...]:
         """Return the flags of the map as a whole."""
-        depth, gel = surface.depth_mm, self.sensor.gel
+        depth = surface.depth_mm
         flags = self.match.flags(surface.reading.frame, surface.zero) if self.match else ()
         found = {
             INCONSISTENT: (inconsistency is not None and inconsistency.doubtful) or rises_too_much(depth),
-            DEEPER: gel is not None and depth.max() > gel.thickness_mm,
             SHADOW: any(map(shades, surface.walls)),
             STEEP: self.error is not None and self.error.hides_much(surface),
         }
@@ -282,11 +322,12 @@ class Reconstructor:
     def look(self, pictures: Sequence[Frame | Bytes]) -> Reconstructor:
         """Return a copy that flags maps where `pictures` contradict the reference, or this shows a contact.
 
-        `pictures` are rectified, in order of time. The copy has a warning for each fault.
+        `pictures` are rectified, in order of time; rejected ones do not count. The copy warns of each fault.
         """
         if self.match is None:
             return self
         frames = [as_frame(one) for one in pictures]
+        frames = [frame for frame in frames if self.sound_map(frame.rgb)] or frames
         pixels = [frame.rgb for frame in frames]
         before = self.calibration.method.reference if self.calibration else None
         match, scene = self.match.with_scene(frames, before=before)
@@ -304,4 +345,4 @@ class Reconstructor:
             self.__dict__.pop("light_check", None)
 
 
-MADE_ONCE = ("referenced", "readable", "error", "grids", "light_check")
+MADE_ONCE = ("referenced", "readable", "error", "grids", "tear_check", "has_one_hue", "light_check")

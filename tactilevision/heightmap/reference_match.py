@@ -131,13 +131,22 @@ def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair 
     return float(x), float(y)
 
 
+def shared_detail(reference: npt.NDArray[Any], picture: npt.NDArray[Any]) -> float:
+    """Return the correlation of detail of two unmoved pictures (H, W, 3), grey, in deviations over all shifts."""
+    return float(_correlation(_spectrum(reference), picture)[0, 0])
+
+
+def _correlation(spectrum: npt.NDArray[np.complex128], picture: npt.NDArray[Any]) -> Floats:
+    """Return the correlation (H, W) of detail at all shifts, in its deviations."""
+    whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=picture.shape[:2])
+    return np.asarray(whole / (mad_std(whole, centre=0.0) + TINY))
+
+
 def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | None:
     """Return the shift (2,) of one picture in px; None where it has not moved or the shift is not measurable."""
-    shape = picture.shape[:2]
-    whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
-    noise = mad_std(whole, centre=0.0) + TINY
-    reach = min(REACH_PX, (min(shape) - 3) // 2)
-    around = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
+    reach = min(REACH_PX, (min(picture.shape[:2]) - 3) // 2)
+    whole = np.roll(_correlation(spectrum, picture), (reach + 1, reach + 1), axis=(0, 1))
+    around = whole[: 2 * reach + 3, : 2 * reach + 3]
     y, x = np.unravel_index(np.argmax(around[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
     peak, unmoved = around[y + 1, x + 1], around[reach + 1, reach + 1]
     at: Floats = np.array([x + _vertex(around[y + 1, x : x + 3]), y + _vertex(around[y : y + 3, x + 1])]) - reach
@@ -193,7 +202,7 @@ class ReferenceMatch:
 
     `usual` is the baseline (`misfit`, `zero_std_mm`); None: that of the method's card. `other_light`: method or
     pictures have another light or order than the reference. `shift_px` (right, down) of the pictures;
-    `contact_px`: where (x, y) frames show a contact in the reference itself.
+    `contact_px`: where (x, y) frames show a contact in the reference itself; `registered`: it is of another crop.
     """
 
     method: CalibratedMethod
@@ -201,6 +210,7 @@ class ReferenceMatch:
     other_light: bool = False
     shift_px: Pair | None = None
     contact_px: Pair | None = None
+    registered: bool = False
 
     @property
     def pressed_px(self) -> Pair | None:
@@ -302,17 +312,17 @@ def some_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Bytes
     return [frame.rgb for frame in spread_frames(recording, count=count)]
 
 
-def spread_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Frame]:
-    """Return `count` rectified frames spread over a recording (of a video its first), with their names."""
+def spread_frames(recording: Recording, *, count: int = FRAMES_READ, raw: bool = False) -> list[Frame]:
+    """Return `count` named frames spread over a recording (of a video its first), rectified unless `raw`."""
     there = len(recording.frame_names)
     if recording.frames_path is None or not there:
         return []
     last = there - 1 if recording.frames_path.is_dir() else min(count, there) - 1
-    return rectified_frames(recording, np.unique(np.linspace(0, last, count).astype(int)))
+    return rectified_frames(recording, np.unique(np.linspace(0, last, count).astype(int)), raw=raw)
 
 
-def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame]:
-    """Yield the rectified frames at `indices`, named with their press; skip torn ones."""
+def rectified_frames(recording: Recording, indices: Iterable[int], *, raw: bool = False) -> list[Frame]:
+    """Return the frames at `indices`, rectified unless `raw`, named with their press; skip unreadable ones."""
     from tactilevision.recording.pictures import read_frame
 
     frames = []
@@ -321,7 +331,8 @@ def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame
             frame = read_frame(recording, int(index))
             of = [one.press for one in recording.presses if one.start_s <= frame.time_s <= one.end_s]
             name = f"{frame.name} (press {of[0]})" if of else frame.name
-            frames.append(Frame(rectify(recording.sensor, frame.rgb), frame.time_s, name))
+            rgb = frame.rgb if raw else rectify(recording.sensor, frame.rgb)
+            frames.append(Frame(rgb, frame.time_s, name))
     return frames
 
 

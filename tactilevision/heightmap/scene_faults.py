@@ -57,6 +57,12 @@ MARK_SIGMA = 8  # deviations of all blocks at which a mark is significant
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
 MARK_WIDTH = 8  # fine blocks, sigma: wider changes are the light's
 MARK_EDGE = 2  # excluded fine blocks along the border
+SIDES: dict[str, Callable[[Array], Array]] = {
+    "": lambda a: a,
+    "mirrored left to right": lambda a: a[:, ::-1],
+    "mirrored top to bottom": lambda a: a[::-1],
+    "turned by 180 degrees": lambda a: a[::-1, ::-1],
+}  # names of exchanged sides, and the exchange
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +94,7 @@ def scene_faults(
         )
         return (SceneFault(told, spoils=True),)
     kept = _kept(before, change)
-    dark = _failed_lamp(kept)
+    dark = "" if _other_everywhere(change) else _failed_lamp(kept)
     spoiling = dark or _gamma(before, change)
     others = ("" if spoiling else _failed_later(kept), _exposure(change), _mark(reference, pictures, names))
     found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
@@ -121,27 +127,21 @@ def able_to_renew(reference: Array, pictures: Sequence[Bytes]) -> list[Bytes]:
 
 def _changes(reference: Array, pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
     """Return ln of grey of the `reference` in BLOCKS, and each picture's difference from it."""
-    before = _blocks(reference, BLOCKS)
-    return before, np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
+    before = log_blocks(reference, BLOCKS)
+    return before, np.stack([log_blocks(rgb, BLOCKS) for rgb in pictures]) - before
 
 
-def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
-    """Return ln of mean grey (rows, columns, 3) in blocks."""
+def log_blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
+    """Return ln of mean grey (rows, columns, 3) in `size` blocks (across, down) of a picture (H, W, 3)."""
     return np.asarray(np.log(block_means(rgb, size).astype(np.float64) + DARK_GREY))
 
 
 def exchanged(before: Floats, now: Floats) -> str:
     """Return the exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
     found = {}
-    sides: dict[str, Callable[[Floats], Floats]] = {
-        "": lambda a: a,
-        "mirrored left to right": lambda a: a[:, ::-1],
-        "mirrored top to bottom": lambda a: a[::-1],
-        "turned by 180 degrees": lambda a: a[::-1, ::-1],
-    }
-    for side, turn in sides.items():
+    for side, turn in SIDES.items():
         for order in permutations(range(3)):
-            found[side, order] = _pattern(turn(now)[..., list(order)] - before)
+            found[side, order] = spread(turn(now)[..., list(order)] - before)
     best = min(found, key=lambda key: found[key])
     plain = found["", (0, 1, 2)]
     if plain < MIN_CHANGE or found[best] > BETTER * plain:
@@ -153,8 +153,8 @@ def exchanged(before: Floats, now: Floats) -> str:
     return " and ".join(part for part in (f"are {side}" if side else "", swapped) if part)
 
 
-def _pattern(change: Floats) -> float:
-    """Return the spread of the change over blocks and channels: the median size, as of a normal deviation."""
+def spread(change: Floats) -> float:
+    """Return the spread of a change (h, w, ...), ln of grey, without NaN: its median, as of a normal deviation."""
     known = change[np.isfinite(change)]
     return mad_std(known) if known.size else float("inf")
 
@@ -176,6 +176,12 @@ def _kept(before: Floats, change: Floats) -> Floats:
     return np.where(falls, by_fall, np.median(change, axis=(1, 2)))
 
 
+def _other_everywhere(change: Floats) -> bool:
+    """Return whether two channels or more have another pattern, which no single lamp explains."""
+    usual = np.median(change, axis=0)
+    return sorted(spread(channel - np.median(channel)) for channel in np.moveaxis(usual, 2, 0))[1] > MIN_CHANGE
+
+
 def _failed_lamp(kept: Floats) -> str:
     grey = np.median(kept, axis=0)
     darkest = int(np.argmin(grey))
@@ -185,7 +191,7 @@ def _failed_lamp(kept: Floats) -> str:
         return ""
     return (
         f"{COLOURS[darkest]} has {share:.2f} of its brightness beside the other colours: a lamp failed, faded or "
-        "is covered; depths lean on the colours that are left. Mend the lamp, or calibrate anew"
+        "is covered; depths rest on the other colours. Mend the lamp, or calibrate anew"
     )
 
 
@@ -241,8 +247,8 @@ def _mark(reference: Array, pictures: Sequence[Bytes], names: Sequence[str]) -> 
 
     A contact makes some channels brighter and others darker; a mark changes all equally.
     """
-    before = _blocks(reference, FINE_BLOCKS)
-    changes = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
+    before = log_blocks(reference, FINE_BLOCKS)
+    changes = [log_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
     detail = np.stack([change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH) for change in changes])
     limit = max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
     darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least

@@ -13,6 +13,7 @@ import scipy.linalg
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import some_frames
+from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.ball_samples import places_of
 from tactilevision.photometric.card import MethodCard
@@ -362,11 +363,12 @@ def calibrated_on_frames(
     agree with it relative to the median of the frames: then the reference is pressed, and that median replaces it.
     """
     frames = some_frames(recording, count=MAX_FRAMES)
-    seen = _contacts(frames, reference)
+    torn = TearCheck(recording.sensor)
+    seen = _contacts(frames, reference, torn)
     contradicted = prior is not None and contradict(seen, prior.law.at)
     if contradicted and prior is not None:
         median = np.median(frames, axis=0).round().astype(np.uint8)
-        others = _contacts(frames, make_reference([median], may_have_marks=reference.marks is not None))
+        others = _contacts(frames, make_reference([median], may_have_marks=reference.marks is not None), torn)
         if others and not contradict(others, prior.law.at):
             seen, contradicted = others, False
     prior = None if contradicted else prior
@@ -390,13 +392,13 @@ def calibrated_on_frames(
     return CalibratedMethod(law, reference, error, None, card)
 
 
-def _contacts(frames: Sequence[Bytes], reference: Reference) -> list[Contact]:
-    """Return the readable contacts of rectified frames (H, W, 3)."""
+def _contacts(frames: Sequence[Bytes], reference: Reference, torn: TearCheck) -> list[Contact]:
+    """Return the readable contacts of rectified frames (H, W, 3) that are not torn."""
     change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
     for rgb in frames:
         with suppress(InputError):
-            changes, _, valid = change.measure(rgb)
-            contacts.append(contact_of(changes, valid, rng))
+            frame = change.take(rgb)
+            contacts.append(None if torn(frame) else contact_of(frame.changes, frame.valid, rng))
     return [one for one in contacts if one is not None]
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.errors import RecordingError
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.press.bevel_contact import DETECTION_CHI2, BevelContact, search_bevel_contacts
@@ -311,8 +312,10 @@ def _look_ahead(
         return None
     best, top = None, 0.0
     for row in rows[np.linspace(0, rows.size - 1, _TRIAL_FRAMES).astype(int)]:
-        frame = next(iter_frames(recording, float(times[row]), end_s=float(times[row])))
-        face = None if isinstance(frame, BadFrame) else find_footprint(reconstructor.height_map(frame), indenter)
+        frame, face = next(iter_frames(recording, float(times[row]), end_s=float(times[row]))), None
+        with suppress(InputError):  # a rejected frame is named where the press is tracked
+            if not isinstance(frame, BadFrame):
+                face = find_footprint(reconstructor.height_map(frame), indenter)
         if face is not None and face.depth_mm > top:
             best, top = face, face.depth_mm
     return best

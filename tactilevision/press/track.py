@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tactilevision.contact.bevel import SIDES, strip, strip_places
 from tactilevision.contact.footprint import find_footprint, sample
+from tactilevision.errors import InputError
 from tactilevision.heightmap.scene_faults import blocks_grey
 from tactilevision.recording.model import BadFrame
 from tactilevision.records.maps import Footprint, Frame, HeightMap
@@ -149,7 +150,11 @@ def track(
         if isinstance(frame, BadFrame):
             tape.missing.append(frame)
             continue
-        height = _take(tape, frame, reconstructor)
+        try:
+            height = _take(tape, frame, reconstructor)
+        except InputError as fault:
+            tape.missing.append(BadFrame(frame.name, frame.time_s, fault.what))
+            continue
         if near is not None:
             place = place or _place(height, near.centre_mm, near.radius_mm, indenter)
             tape.readings.append(place.read(*tape.maps.pop()))

@@ -19,7 +19,7 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.nodes import lay_grid
-from tactilevision.heightmap.build import with_flats
+from tactilevision.heightmap.build import flats_in_view, with_flats, with_view
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import some_frames, spread_frames
 from tactilevision.mechanics.kappa import fast_kappa
@@ -29,9 +29,8 @@ from tactilevision.profile.storage import read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, faults_of_flats
-from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.read import read_recording
-from tactilevision.records.maps import Footprint, Frame, HeightMap, TractionMap, add, as_frame
+from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add, as_frame
 from tactilevision.records.measured import Bytes, Estimate
 from tactilevision.records.rig import Gel, Indenter
 from tactilevision.sensors.rectification import rectify
@@ -171,18 +170,14 @@ class CalibratedSensor:
 
     def _unlike(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
         """Warn where most rectified pictures differ from the reference beyond drift."""
-        flagged = 0
-        for rgb in pictures:
-            try:
-                flagged += "light" in self.reconstructor.rectified_map(rgb).flags
-            except InputError:
-                flagged += 1
-        if 2 * flagged <= len(pictures):
+        maps = list(filter(None, map(self.reconstructor.sound_map, pictures)))
+        flagged = sum(LIGHT in height.flags for height in maps) if maps else len(pictures)
+        if 2 * flagged <= len(maps or pictures):
             return ()
         return (
-            f"{flagged} of {len(pictures)} frames differ from the reference of the profile {self.profile.name}: "
-            "is this another unit, gel or light? Give a picture of the untouched gel with --reference, or "
-            "calibrate this sensor",
+            f"{flagged} of {len(maps or pictures)} frames differ from the reference of the profile "
+            f"{self.profile.name}: is this another unit, gel or light? Give a picture of the untouched gel with "
+            "--reference, or calibrate this sensor",
         )
 
 
@@ -241,12 +236,13 @@ def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
 
     Some of the frames are checked against the profile; the sensor's warnings report what does not fit.
     """
-    sensor = CalibratedSensor(profile)
-    flats = read_flats(recording)
-    if flats:
-        with faults_of_flats(recording):
-            sensor = sensor.with_reference(flats)
-    sensor.look(spread_frames(recording))
+    sensor, frames = CalibratedSensor(profile), spread_frames(recording)
+    with faults_of_flats(recording):
+        seen = flats_in_view(recording, [frame.rgb for frame in frames])
+        if seen.flats:
+            sensor = sensor.with_reference(seen.flats)
+            sensor.reconstructor = with_view(sensor.reconstructor, seen)
+    sensor.look(frames)
     return sensor
 
 
@@ -307,7 +303,7 @@ def make_profile(
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),
-        followed_in(recording, picture),
+        "nothing" if reconstructor.match and reconstructor.match.registered else followed_in(recording, picture),
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),

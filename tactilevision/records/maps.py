@@ -213,7 +213,6 @@ BORDER = "border"
 REFERENCE = "reference"
 BALLS = "balls"
 BEYOND_BALLS = "beyond_balls"
-DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
 ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
@@ -222,7 +221,6 @@ STEEP = "steep"
 MEANING = {
     UNFIT: "the light's calibration fails on balls that it has not used: neither direction nor depth of a "
     "contact can be trusted",
-    DEEPER: "the map is deeper than the gel is thick, so no depth of it can be true",
     MOVED: "the picture is shifted against its reference: depth may be wrong everywhere",
     REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is wrong "
     "there, and may be everywhere if the light was calibrated with it",
@@ -243,6 +241,8 @@ MEANING = {
     "them is too small; calibrate with smaller balls, or deeper presses of them",
     BORDER: "a contact reaches the picture's border: it is cut off, or light comes from outside",
 }
+
+FALSE = frozenset({UNFIT, MOVED, LIGHT})  # flags of maps of which no depth can be trusted
 
 
 def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from tactilevision.errors import InputError, check_known
 from tactilevision.records.rig import Sensor
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
+_MINI = Sensor("gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634))
 _CATALOGUE = (
     # GelSlim 3.0: Raspberry-Pi camera behind a mirror, blue light from the top, green left, red lower right.
     # Stream 427 by 320 px at 90 frames a second. The raw picture is strongly distorted: a rectification belongs to
@@ -23,7 +24,9 @@ _CATALOGUE = (
     # 0.0634 mm/px at that size (0.0317 at 640 by 480) by the maker's software; measure it where depth matters. On
     # two measured sensors red comes from above, green from the right, blue from below. Source: GelSight Inc.,
     # gsrobotics.
-    Sensor("gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634)),
+    _MINI,
+    # The same with its gel of tracking markers.
+    dataclasses.replace(_MINI, kind="gelsight_mini_markers", has_markers=True),
     # DIGIT: a low-cost fingertip, 240 by 320 px upright, three lights below the gel. About 16 mm by 19 mm of gel
     # fill the picture. The camera views the gel at an angle, so the scale is a mean; measure it where depth
     # matters. The network of this library takes pictures as digit-interface returns them: red from the upper
@@ -35,6 +38,22 @@ _CATALOGUE = (
     Sensor("gelsight_wedge", width_px=320, height_px=240, mm_per_px=(0.0909, 0.0909)),
 )
 SENSORS: dict[str, Sensor] = {sensor.kind: sensor for sensor in _CATALOGUE}
+
+# Thickness of the gels in mm, of which a depth can be at most MAX_COMPRESSION where the user states no gel.
+_THICKNESS_MM = {
+    # Not published: the pads of the calibration that this library implements are 3.0 mm thick. The mould in the
+    # makers' repository (mcubelab/gelslim) is open and sets no thickness.
+    "gelslim3": 3.0,
+    # Crown 4.0 mm over its base: CAD model of Helmut et al., "Learning Force Distribution Estimation for the
+    # GelSight Mini", arXiv 2411.03315 (feats-ai/feats, gelsight_mini.step). TacEx (arXiv 2411.04776) has 4.5 mm.
+    "gelsight_mini": 4.0,
+    # Crown 2.3 mm over its base: makers' model of the gel (facebookresearch/digit-design, Digit Gel.STEP).
+    "digit": 2.3,
+    # Not published: a bound. Pads of this family (GelSight Mini, R1.5, GelSlim) are 2 to 4.5 mm thick.
+    "gelsight_wedge": 5.0,
+}
+# of the thickness: a bonded layer stiffens as (1 - w/h)^-3, here 125 times (Johnson, Contact Mechanics, 5.8)
+MAX_COMPRESSION = 0.8
 
 MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
 MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
@@ -69,6 +88,15 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
 def may_have_marks(sensor: Sensor) -> bool:
     """Return whether to look for marks: not if this kind has none by the catalogue."""
     return sensor.has_markers or sensor.kind not in SENSORS
+
+
+def deepest_mm(sensor: Sensor) -> float:
+    """Return the greatest depth in mm that gel of the sensor can have, by its thickness or that of its kind.
+
+    Infinite for a sensor of an unknown kind without a stated gel.
+    """
+    usual = _THICKNESS_MM.get(sensor.kind.removesuffix("_markers"), float("inf"))
+    return MAX_COMPRESSION * (sensor.gel.thickness_mm if sensor.gel else usual)
 
 
 def check_scale(mm_per_px: float, *, where: str) -> None:

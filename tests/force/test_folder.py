@@ -30,6 +30,8 @@ ROWS, COLUMNS = VIEW.shape
 class Known:
     """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
 
+    match = None
+
     def __init__(self, sensor: Sensor, *, taught: TaughtWalls | None = None, error: Any = None) -> None:
         self.sensor, self.taught, self.error = sensor, taught, error
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm

@@ -116,7 +116,9 @@ def test_a_calibration_refuses_a_mirrored_reference(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "sample_frames" / "rendered_shadows", tmp_path / "copy")
     for path in (tmp_path / "copy" / "reference" / "flat").iterdir():
         write_image(path, np.ascontiguousarray(read_image(path)[:, ::-1]))
-    with pytest.raises(InputError, match="ball pictures are mirrored left to right against the untouched gel's"):
+    with pytest.raises(
+        InputError, match="flat: the reference is not of the frames' view: the frames are mirrored left to right"
+    ):
         build_reconstructor(read_recording(tmp_path / "copy"))
 
 

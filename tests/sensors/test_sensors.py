@@ -12,7 +12,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.records.measured import Bytes, Picture
 from tactilevision.records.rig import Sensor
-from tactilevision.sensors import SENSORS, get_sensor
+from tactilevision.sensors import SENSORS, deepest_mm, get_sensor
 from tactilevision.sensors.rectification import rectify, sensor_from_corners, sensor_from_grid
 
 
@@ -131,7 +131,8 @@ def test_the_page_of_sensors_lists_size_scale_and_what_is_ready() -> None:
     listed = {row[0].strip("`"): row for row in rows}
     assert set(listed) == {*SENSORS, "custom"}
     for kind, sensor in SENSORS.items():
-        _, size, scale, view, ready = listed[kind]
+        _, size, scale, view, ready, deepest = listed[kind]
+        assert float(deepest) == pytest.approx(deepest_mm(sensor), abs=0.05)
         assert size == f"{sensor.width_px} x {sensor.height_px}"
         assert [float(one) for one in scale.split(", ")] == pytest.approx(list(dict.fromkeys(sensor.mm_per_px)))
         across, down = sensor.width_px * sensor.mm_per_px[0], sensor.height_px * sensor.mm_per_px[1]
