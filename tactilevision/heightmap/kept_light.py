@@ -47,8 +47,8 @@ def kept_light(
         digest.update(repr((rgb.shape, rgb.dtype)).encode())
         digest.update(rgb.tobytes())
     balls = [(one.radius_mm, one.centre_px, one.contact_radius_px, one.name) for one in pictures]
-    gel_free = replace(sensor, rectification=None, gel=None)  # the pictures are rectified, light ignores the gel
-    key = fit, repr(gel_free), reference.marks is None, balls, digest.hexdigest()
+    seen_by = replace(sensor, rectification=None)  # the pictures are rectified
+    key = fit, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
     return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
 
 
