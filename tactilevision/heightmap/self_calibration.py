@@ -70,7 +70,7 @@ class Contact:
 def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Contact | None:
     """Return the contact of a frame by its relative change (3, H, W), where `valid`, a mask (H, W); or None."""
     try:
-        x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid)
+        x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid, hull=True)
     except InputError:
         return None
     if radius < MIN_RADIUS_PX:
