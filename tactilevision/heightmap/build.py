@@ -12,7 +12,12 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.ball_validation import doubt_of_radii, held_out_depth, seen_gain_std
+from tactilevision.heightmap.ball_validation import (
+    doubt_of_radii,
+    held_out_depth,
+    scale_is_assumed,
+    seen_gain_std,
+)
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -26,8 +31,19 @@ from tactilevision.heightmap.reference_match import (
     some_frames,
     spread_frames,
 )
-from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
-from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
+from tactilevision.heightmap.scene_faults import (
+    FRAMES_FOR_ORDER,
+    able_to_renew,
+    check_order,
+    check_surface,
+    order_warnings,
+)
+from tactilevision.heightmap.self_calibration import (
+    MIN_CONTACTS,
+    NETWORK_SCALE_STD,
+    calibrated_on_frames,
+    scale_warning,
+)
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import far_from
@@ -355,7 +371,10 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
         return own.warned(*noted)
     if ready is None or path is None:
         raise _nothing_known(recording, flats)
-    order = order_warnings(path, flats, some_frames(recording, count=FRAMES_FOR_ORDER), sensor=sensor)
+    few = some_frames(recording, count=FRAMES_FOR_ORDER)
+    order = order_warnings(path, flats, few, sensor=sensor)
+    if not order and ready.referenced is not None:
+        check_surface(ready.referenced, few, sensor=sensor, where=recording.path)
     if order and ready.match is not None:
         ready = ready.varied(match=replace(ready.match, other_light=True))
     return ready.warned(*noted, _network_warning(ready, sensor.kind), *order)
@@ -422,6 +441,10 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     _check_colours(reference)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
+    if scale_is_assumed(method.card):
+        card = method.card
+        std = max(card.held_out_gain_std or 0.0, NETWORK_SCALE_STD)
+        method = replace(method, card=replace(card, held_out_gain_std=std))
     match, said = ReferenceMatch(method, DEFAULT_BASELINE), tuple[str, ...]()
     if method.card.light is not None:  # else it applies to any light
         match, said = match.with_light(method.card.light)

@@ -14,7 +14,9 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
+from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.drift import block_means
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import COLOURS, make_reference
 from tactilevision.photometric.storage import load_network
@@ -277,6 +279,8 @@ def _marked(seen: Bools) -> tuple[float, float] | None:
 # by 180 degrees only changes the sign.
 
 FRAMES_FOR_ORDER = 6  # number of frames, spread over the recording
+MAX_CURL = 0.4  # of squared slopes: nine real sensors .04 to .21, simulated lights of other sensors .5 to .9
+MIN_PLACES = 4  # contacts that determine a light without a network
 BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
 EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
     "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
@@ -307,6 +311,28 @@ def order_warnings(
         f"the slopes is curl); with {' or '.join(better)} they do ({100 * min(shares.values()):.0f} %). Save "
         "frames and reference as the maker's software shows them; depths are false",
     )
+
+
+def check_surface(method: CalibratedMethod, frames: Sequence[Bytes], *, sensor: Sensor, where: Path) -> None:
+    """Raise InputError where the slopes that a ready network reads of contacts in `frames` belong to no surface.
+
+    `frames` are rectified pictures (H, W, 3); without contacts noise alone has curl, and nothing is checked.
+    """
+    pressed = []
+    for rgb in frames:
+        with suppress(InputError):
+            changes, _, valid = method.change.measure(rgb)
+            first_guess(np.ascontiguousarray(changes.transpose(1, 2, 0)), valid)
+            pressed.append(rgb)
+    share = curl_share(method, pressed, sensor.mm_per_px)
+    if share > MAX_CURL:
+        raise InputError(
+            f"the light is not that of a usual {sensor.kind}: what its network reads of the contacts is no surface",
+            where=where,
+            value=f"{100 * share:.0f} % of the slopes is curl",
+            remedy="Press balls to calibrate the light; or name the sensor custom, and press something round at "
+            f"{MIN_PLACES} places or more.",
+        )
 
 
 def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pair) -> float:
