@@ -436,12 +436,11 @@ def wall_variances(shape: tuple[int, ...], edges: Sequence[PunchEdge], *, mm_per
 # area inside it. Such a band may hide the fall of a slope g over its width, which changes all depths inside it:
 # outside the sharp edge of a rigid flat face of any outline the slope falls as the inverse root of the distance,
 # so that the surface falls by 2 g l over the band, of which at least g l is read.
-# Vanishes where no slope is steeper than g. Assumes one approximately round contact. By a light that is assumed g is
-# less, and counts only around a face with a sharp rim: the slopes of balls and cones are seen to grow.
+# Vanishes where no slope is steeper than g. Assumes one approximately round contact. By an assumed light g is less
+# and counts only at a sharp rim around a face: the slopes of balls and cones are seen to grow.
 
 STEEP_SHARE = 0.95  # of the steepest calibrated slope: steeper slopes may be read too low
-# of the steepest slope of an assumed light: from there it reads rendered walls at .6 of what it reads of gentle slopes
-ASSUMED_STEEP_SHARE = 0.5
+ASSUMED_STEEP_SHARE = 0.5  # the same by an assumed light, which reads steep walls at .6 to .8 of gentle ones
 FLANK = 2  # points of the grid inwards, within which the slope of a sharp rim ends
 FLAT_SHARE = 0.25  # of a rim's slope, below which the place inside it belongs to a flat face
 SHARP_SHARE = 1 / 3  # of the rim's length: as much of a circular edge is needed

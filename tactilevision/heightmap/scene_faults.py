@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.drift import block_means
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import PhotometricMethod
@@ -313,21 +312,15 @@ def order_warnings(
     )
 
 
-def check_surface(method: CalibratedMethod, frames: Sequence[Bytes], *, sensor: Sensor, where: Path) -> None:
-    """Raise InputError where the slopes that a ready network reads of contacts in `frames` belong to no surface.
+def check_surface(method: CalibratedMethod, pressed: Sequence[Bytes], *, sensor: Sensor, where: Path) -> None:
+    """Raise InputError where the slopes that a ready network reads of contacts belong to no surface.
 
-    `frames` are rectified pictures (H, W, 3); without contacts noise alone has curl, and nothing is checked.
+    `pressed` are rectified pictures (H, W, 3) with a contact; without one noise alone has curl.
     """
-    pressed = []
-    for rgb in frames:
-        with suppress(InputError):
-            changes, _, valid = method.change.measure(rgb)
-            first_guess(np.ascontiguousarray(changes.transpose(1, 2, 0)), valid)
-            pressed.append(rgb)
     share = curl_share(method, pressed, sensor.mm_per_px)
     if share > MAX_CURL:
         raise InputError(
-            f"the light is not that of a usual {sensor.kind}: what its network reads of the contacts is no surface",
+            f"the light is not that of a usual {sensor.kind}, whose network reads no surface here",
             where=where,
             value=f"{100 * share:.0f} % of the slopes is curl",
             remedy="Press balls to calibrate the light; or name the sensor custom, and press something round at "

@@ -342,7 +342,7 @@ def _least_curl(seen: Contact) -> Floats | None:
 
 
 def _cauchy(residual: Floats) -> Floats:
-    scale = mad_std(residual, centre=0.0) + NONZERO
+    scale = mad_std(residual, centre=0.0) + TINY  # most of a flat face has no slope at all
     return np.asarray(1.0 / (1.0 + (residual / (OUTLYING * scale)) ** 2))
 
 
