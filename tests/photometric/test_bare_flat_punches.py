@@ -58,11 +58,8 @@ def test_six_frames_of_one_press_hold_its_depth_by_the_library_and_the_command(
     assert ASSUMED_SCALE in height.flags
     assert 0.5 * true_mm < depth_mm < true_mm + 2.0 * std_mm
     assert true_mm < depth_mm + 2.0 * std_mm
-    monkeypatch.setattr(
-        "sys.argv",
-        ["tactilevision", "depth", str(tmp_path / "in"), "--sensor", "gelslim3", "--out", str(tmp_path / "out")]
-        + ["--pictures", "0", "--workers", "1"],
-    )
+    command = ["tactilevision", "depth", str(tmp_path / "in"), "--sensor", "gelslim3", "--pictures", "0"]
+    monkeypatch.setattr("sys.argv", [*command, "--out", str(tmp_path / "out"), "--workers", "1"])
     assert main() == 0
     row = list(csv.DictReader((tmp_path / "out" / "depth.csv").read_text().splitlines()))[3]
     assert row["frame"] == height.name

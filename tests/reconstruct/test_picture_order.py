@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE
 
-from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.errors import InputError
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.scene_faults import check_surface, curl_share, order_warnings
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.reference import make_reference
@@ -67,7 +67,7 @@ def test_who_reads_such_a_folder_is_warned_and_its_maps_are_flagged(
 
 
 def test_contacts_whose_slopes_are_no_surface_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whirl in a bowl, by a network of which no exchange makes more of it; without a contact nothing is judged."""
+    """A whirl in a bowl, read by a network; without a contact nothing is judged."""
     flats, shots = sample()
     path = find_model("gelslim3")
     assert path is not None
