@@ -165,7 +165,14 @@ def test_the_deviation_grows_where_gel_is_unsteady_and_no_ball_was_pressed() -> 
         here.append(BallPicture(tinted(picture(*ball((x, y), 1.3, 4.0)[1:], rng), rng), 4.0))
         others.append(tinted(picture(*ball((x + 0.7, y - 0.8), 1.2, 4.0)[1:], rng), rng))
     reference = make_reference([flat(rng) for _ in range(2)])
-    made = calibrate_from_balls(reference, here, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    fit, heard = PHOTOMETRIC["polynomial"], list[tuple[int, int, str]]()
+    made = calibrate_from_balls(
+        reference, here, mm_per_px=SENSOR.mm_per_px, fit=fit, progress=lambda *step: heard.append(step)
+    )
+    passes = dict.fromkeys(what for _, _, what in heard)
+    assert [*passes][:2] == ["balls", "circles of balls, round 1 of at most 6"]
+    assert {"laws of the light", "uncertainty of the scale", "checks of the balls"} <= passes.keys()
+    assert all(0 <= done < total for done, total, _ in heard)
     card = untouched_around_balls(SENSOR, made, made.method.card, here)
     stated = np.array(card.untouched_std_mm)
     assert stated[:, -2:].max() > 2.0 * np.median(stated[:, :3])
