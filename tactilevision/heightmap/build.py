@@ -403,8 +403,9 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     few = some_frames(recording, count=FRAMES_FOR_ORDER)
     order = order_warnings(path, flats, few, sensor=sensor)
     if not order and ready.referenced is not None:
-        pressed = [rgb for rgb in few if contacts_in([rgb], ready.referenced.reference)]
-        check_surface(ready.referenced, pressed, sensor=sensor, where=recording.path)
+        method = ready.referenced
+        pressed = [rgb for rgb in few if contacts_in([rgb], method.reference) and not untouched_of(method, [rgb])]
+        check_surface(method, pressed, sensor=sensor, where=recording.path)
     if order and ready.match is not None:
         ready = ready.varied(match=replace(ready.match, other_light=True))
     return ready.warned(*noted, _network_warning(ready, sensor.kind), *order)

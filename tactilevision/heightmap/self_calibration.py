@@ -354,7 +354,9 @@ RELATIVE_ERROR = 0.5  # of a slope, where no network determines its scale
 FEW_OFF_DEG = "4 to 15"
 FEW_OFF_WITH_NETWORK_DEG = "3 to 13"  # the same with a network
 SCALE_STD = 1.0  # of true over read depth, less 1: nine real sensors have .56 to 3 times what a usual light reads
-NETWORK_SCALE_STD = 0.4  # with a network, rms: eight real sensors have .76 to 1.28, deep faces of two simulated 1.8
+NETWORK_SCALE_STD = (
+    0.4  # with a network, rms: eight real sensors have .76 to 1.28, deep faces of two simulated 1.8
+)
 
 
 def calibrated_on_frames(
