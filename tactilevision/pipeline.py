@@ -339,8 +339,9 @@ def _certify(
     if not recording.frame_names:
         return CertifiedRecording(recording)
     require_all(recording)
-    with listener.progress_bar("calibrating the light"):
-        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
+    with listener.progress_bar("calibrating the light:") as progress:
+        method = "polynomial" if recording.balls else None
+        reconstructor = build_reconstructor(recording, method, progress=progress)
     listener.warn(reconstructor.warnings)
     with listener.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)

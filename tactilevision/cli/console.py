@@ -73,6 +73,7 @@ INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 BAR_EVERY_S = 0.2  # s between two updates of a bar
 LINE_EVERY_S = 10  # s between two lines of progress where there is no terminal
+warned = set[str]()  # warnings that the present command has printed
 _FIRST = 10  # lines of a long list that are printed
 
 
@@ -102,14 +103,20 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def _progress_lines(title: str) -> Iterator[Progress]:
-    """Print a line of progress and elapsed time at intervals."""
-    began, state = time.monotonic(), [title]
+    """Print a line of progress, elapsed time and what is left of the present pass at intervals."""
+    began = time.monotonic()
+    state, step = [title.rstrip(":"), ""], ("", began, 0)
 
     def advance(done: int, total: int, what: str = "") -> None:
+        nonlocal step
+        now = time.monotonic()
+        if what != step[0] or done < step[2]:
+            step = what, now, done
         counted = f": {done} of {total}" if total > done + 1 or done >= total else ""
-        state[0] = f"{title} {what}".rstrip() + counted
+        left = (total - done) * (now - step[1]) / (done - step[2]) if done > step[2] else 0.0
+        state[:] = f"{title} {what}".rstrip() + counted, f", about {left:.0f} s left of it" if left >= 1 else ""
 
-    with Ticker(lambda: _complain(f"{state[0]}, {time.monotonic() - began:.0f} s"), LINE_EVERY_S):
+    with Ticker(lambda: _complain(f"{state[0]}, {time.monotonic() - began:.0f} s{state[1]}"), LINE_EVERY_S):
         yield advance
 
 
@@ -151,9 +158,11 @@ def say_first(lines: Sequence[str], rest: Path) -> None:
 
 
 def warn(lines: Sequence[str]) -> None:
-    """Print warnings to standard error, each on its own line."""
+    """Print warnings to standard error, each on its own line, and once in a run of a command."""
     for line in lines:
-        _complain(f"warning: {line}")
+        if line not in warned:
+            warned.add(line)
+            _complain(f"warning: {line}")
 
 
 def hand_over(result: Any, path: Path | None) -> None:

@@ -26,6 +26,7 @@ from tactilevision.force.calibrated import (
 )
 from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_job, with_gel
 from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.plots import force as draw, style
 from tactilevision.plots.height import draw_height
 from tactilevision.press.certified_faces import FaceDepthCorrection
@@ -89,9 +90,9 @@ def _light(chosen: source.Choice, warned: list[str], root: Path) -> Light:
         console.warn(words)
         warned.extend(words)
 
-    def light(recording: Recording) -> Reconstructor:
+    def light(recording: Recording, progress: Progress = silent) -> Reconstructor:
         warn(recording, recording.warnings)
-        reconstructor = chosen.light(recording)
+        reconstructor = chosen.light(recording, progress)
         warn(recording, reconstructor.warnings)
         return reconstructor
 
@@ -120,11 +121,12 @@ def _of_tree(
 
 
 def _of_recording(
-    recording: Recording, out: Path, light: Light, calibration: Path | None, how: dict[str, Any], *, most: int
+    recording: Recording, out: Path, light: Any, calibration: Path | None, how: dict[str, Any], *, most: int
 ) -> tuple[tuple[FrameResult, ...], dict[str, Any]]:
     """Return the rows of a recording, whose `most` deepest frames are drawn."""
-    with console.progress_bar("calibrating the light"):
-        reconstructor, anchor = source.open_face_correction(recording, light(recording), calibration=calibration)
+    with console.progress_bar("calibrating the light:") as progress:
+        made = light(recording, progress)
+        reconstructor, anchor = source.open_face_correction(recording, made, calibration=calibration)
     with console.progress_bar("frames") as progress:
         rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
     _draw(recording, reconstructor, rows, out / "figures", most=most, anchor=anchor)
@@ -198,8 +200,8 @@ def force(
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     material = _material(chosen, calibration)
     recording = with_gel(chosen.open(path), calibration)
-    with console.progress_bar("calibrating the light"):
-        job = _job(recording, chosen, material, calibration, out=out, form=form)
+    with console.progress_bar("calibrating the light:") as progress:
+        job = _job(recording, chosen, material, calibration, out=out, form=form, progress=progress)
     console.warn([*recording.warnings, *job.reconstructor.warnings])
     with console.progress_bar("frames") as progress:
         offset_s = None if calibration is None else read_clock_offset(calibration)
@@ -296,9 +298,10 @@ def _job(
     *,
     out: Path,
     form: Literal["npz", "zarr"],
+    progress: Progress,
 ) -> ForceJob:
     """Return the job that solves forces, by the named profile or by the recording's own light."""
-    sensor, reconstructor = chosen.calibrated(recording), chosen.light(recording)
+    sensor, reconstructor = chosen.calibrated(recording), chosen.light(recording, progress)
     reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
     job = force_job(
         recording,

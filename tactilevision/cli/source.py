@@ -18,6 +18,7 @@ from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.photometric.storage import digest
 from tactilevision.press import certified_faces
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection, read_certified
@@ -124,13 +125,13 @@ class Choice:
         own = self.profile is None and (path / layout.SETTINGS).is_file()
         return Choice(method=self.method, even_so=self.even_so).open(path) if own else self.open(path)
 
-    def light(self, recording: Recording) -> Reconstructor:
+    def light(self, recording: Recording, progress: Progress = silent) -> Reconstructor:
         """Calibrate the light on the recording's own references, or use the named method or profile.
 
         Unless `even_so`, raises InputError for a calibration that fails its own balls.
         """
         sensor = self.calibrated(recording)
-        made = build_reconstructor(recording, self.method) if sensor is None else sensor.reconstructor
+        made = sensor.reconstructor if sensor else build_reconstructor(recording, self.method, progress=progress)
         if made.referenced is not None and not self.even_so:
             if same := unfit_warnings(made.referenced.card):  # what else is doubtful may say why
                 console.warn([line for line in made.warnings if line not in same])

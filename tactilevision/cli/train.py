@@ -70,8 +70,8 @@ def train(
     if not source.balls:
         remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
         raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
-    with console.progress_bar("calibrating the light"):
-        made = build_reconstructor(source, method)
+    with console.progress_bar("calibrating the light:") as progress:
+        made = build_reconstructor(source, method, progress=progress)
     console.warn([*source.warnings, *made.warnings])
     kept = _trained(source, made, licence)
     _save(kept, out, network=method == "network")
@@ -162,8 +162,8 @@ def calibrate_sensor(
     check_name(out)
     chosen = sources.Choice(sensor, reference, method, mm_per_px)
     recording = _open(path, chosen, ball_radius_mm, serial)
-    with console.progress_bar("calibrating the light"):
-        reconstructor = chosen.light(recording)
+    with console.progress_bar("calibrating the light:") as progress:
+        reconstructor = chosen.light(recording, progress)
     console.warn([*recording.warnings, *reconstructor.warnings])
     content, certified, said = (None, (), ()) if light_only else _known(recording, calibration)
     with console.progress_bar("solving the gel"):

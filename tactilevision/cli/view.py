@@ -149,8 +149,8 @@ class _Opened:
 
     @cached_property
     def reconstructor(self) -> Reconstructor:
-        with console.progress_bar("calibrating the light"):
-            made = self.chosen.light(self.recording)
+        with console.progress_bar("calibrating the light:") as progress:
+            made = self.chosen.light(self.recording, progress)
         console.warn([*self.recording.warnings, *made.warnings])
         return made
 

@@ -78,7 +78,9 @@ def held_out_depth(
     """
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     inside, outside = list[float](), list[float]()
-    for picture, ball, held in _held_out_laws(calibration, pictures):
+    for picture, ball, held in chosen_balls(calibration, pictures):
+        if held is None:
+            continue
         if id(held.law) not in methods:
             methods[id(held.law)] = replace(now, law=held.law, card=MethodCard())
         found, true = _read_dent_mm(methods[id(held.law)], picture.rgb, ball, mm_per_px)
@@ -178,12 +180,12 @@ def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:
     return float(depth[middle].mean() - depth[rim].mean()), float(cap[middle].mean() - cap[rim].mean())
 
 
-def _held_out_laws(
+def chosen_balls(
     calibration: Calibration, pictures: Sequence[BallPicture]
-) -> list[tuple[BallPicture, Ball, HeldOutLaw]]:
-    """Return at most MAX_BALLS detected balls, evenly chosen, each with the law fitted without it."""
+) -> list[tuple[BallPicture, Ball, HeldOutLaw | None]]:
+    """Return at most MAX_BALLS detected balls, evenly chosen, each with the law fitted without it or None."""
     rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
-    kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
+    kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None]
     return kept[:: max(1, -(-len(kept) // MAX_BALLS))]
 
 

@@ -7,13 +7,19 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.ball_validation import doubt_of_radii, held_out_depth, seen_gain_std
+from tactilevision.heightmap.ball_validation import (
+    chosen_balls,
+    doubt_of_radii,
+    held_out_depth,
+    scale_is_assumed,
+    seen_gain_std,
+)
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.kept_light import kept_light
@@ -30,8 +36,21 @@ from tactilevision.heightmap.reference_match import (
     spread_frames,
 )
 from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register, shown
-from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
-from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
+from tactilevision.heightmap.scene_faults import (
+    FRAMES_FOR_ORDER,
+    able_to_renew,
+    check_order,
+    check_surface,
+    order_warnings,
+)
+from tactilevision.heightmap.self_calibration import (
+    MIN_CONTACTS,
+    NETWORK_SCALE_STD,
+    calibrated_on_frames,
+    contacts_in,
+    scale_warning,
+)
+from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import far_from
@@ -41,7 +60,7 @@ from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.drift import block_means
 from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator, tile_px_for
 from tactilevision.photometric.methods.network import find_model, ready_models
-from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.photometric.protocols import PhotometricMethod, Progress, silent
 from tactilevision.photometric.reference import (
     BackgroundSums,
     Reference,
@@ -53,6 +72,7 @@ from tactilevision.photometric.reference import (
 )
 from tactilevision.photometric.storage import load_method, load_network
 from tactilevision.recording import layout
+from tactilevision.records.constants import TINY
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Array, Bytes, Floats
 from tactilevision.records.rig import Sensor
@@ -143,12 +163,17 @@ def press_starts(recording: Recording) -> list[Frame]:
 
 # A calibration made to fit the free gel of its sensor, its errors measured on its own ball pictures.
 
-MAX_WAVES = 8  # pictures with balls that are looked at, at most
+MAX_TERMS = 8  # pictures with balls of which terms of the deviation are kept, at most
 BLOCK_PX = 16  # px: grid of the depth of untouched gel, finer than its waves
 
 
 def tuned(
-    sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
+    sensor: Sensor,
+    calibration: Calibration,
+    *,
+    pictures: Sequence[BallPicture],
+    free: Sequence[Bytes],
+    progress: Progress = silent,
 ) -> Reconstructor:
     """Return the calibration's reconstructor fitted to rectified frames of the free gel, its errors measured.
 
@@ -156,6 +181,7 @@ def tuned(
     else from
     the ball pictures.
     """
+    progress(0, 1, "depth of held-out balls")
     gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
     card = replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
     card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
@@ -163,15 +189,16 @@ def tuned(
     place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
     card = replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
     method = replace(calibration.method, card=card)
+    progress(0, 1, "untouched gel")
     settled = subtract_background(replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
-        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
-        settled = replace(settled, card=replace(card, untouched_depth_rms_mm=waves_mm))
+        settled = replace(settled, card=untouched_around_balls(sensor, calibration, card, pictures))
     else:
         reader = Reconstructor(sensor, settled)
         flat = [one.depth_mm for one in map(reader.sound_map, untouched_of(method, free)) if one]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
+    progress(0, 1, "usual light of the pictures")
     light = measured_light(
         settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
     )
@@ -190,26 +217,44 @@ def depth_terms_mm(
 ) -> dict[str, float]:
     """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
-    for rgb, _ in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
+    for rgb, _ in pressed_balls(pictures[:MAX_TERMS], balls[:MAX_TERMS]):
         with suppress(InputError):
             seen = reader.read_rectified(rgb)
             found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
-def untouched_rms_mm(
-    reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
-) -> float:
-    """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
-    found = []
-    for rgb, ball in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
-        height = reconstructor.sound_map(rgb)
+def untouched_around_balls(
+    sensor: Sensor, calibration: Calibration, card: MethodCard, pictures: Sequence[BallPicture]
+) -> MethodCard:
+    """Return the `card` with the deviation of untouched gel from flat, in mm, by the ball pictures.
+
+    Outside each ball, by the law fitted without it: the median rms over pictures, and the rms by blocks. Where no
+    ball is near, a law may read any slope of a slight change of colour, which integrates to the picture's border.
+    """
+    method, readers = replace(calibration.method, card=card), dict[int, Reconstructor]()
+    size = block_grid(method.reference.shape)
+    sums, found = np.zeros((2, size[1], size[0])), []
+    for picture, ball, held in chosen_balls(calibration, pictures):
+        law = method.law if held is None else held.law
+        if id(law) not in readers:
+            readers[id(law)] = Reconstructor(sensor, replace(method, law=law))
+        height = readers[id(law)].sound_map(picture.rgb)
         if height is None:
             continue
-        away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
+        away = far_from(ball, height.depth_mm.shape, mm_per_px=sensor.mm_per_px) & height.valid
+        square = np.where(away, np.square(height.depth_mm), 0.0)
+        sums += [block_means(square, size), block_means(away, size)]
         if away.any():
-            found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
-    return float(np.median(found)) if found else 0.0
+            found.append(float(np.sqrt(square.sum() / np.count_nonzero(away))))
+    squares, share = (cv2.GaussianBlur(one, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE) for one in sums)
+    std_mm = np.round(np.sqrt(squares / np.maximum(share, TINY)), 6).tolist()
+    return replace(card, untouched_depth_rms_mm=float(np.median(found)) if found else 0.0, untouched_std_mm=std_mm)
+
+
+def block_grid(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return how many blocks of BLOCK_PX lie across and down a picture (H, W)."""
+    return max(2, shape[1] // BLOCK_PX), max(2, shape[0] // BLOCK_PX)
 
 
 def untouched_std_mm(depths: Sequence[Array]) -> Floats:
@@ -219,10 +264,8 @@ def untouched_std_mm(depths: Sequence[Array]) -> Floats:
     frames'
     slopes was subtracted; smoothed over neighbouring blocks.
     """
-    height, width = depths[0].shape
-    block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
-    size = (max(2, width // BLOCK_PX), max(2, height // BLOCK_PX))
-    smooth = cv2.GaussianBlur(block_means(block_std, size), (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    block_std = block_means(MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0), block_grid(depths[0].shape))
+    smooth = cv2.GaussianBlur(block_std, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
 
 
@@ -269,14 +312,16 @@ def with_free_reference(
 DEFAULT = "auto"  # held-out balls choose the fit: never one worse than the plain polynomial on them
 
 
-def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
+def build_reconstructor(
+    recording: Recording, method: str | PhotometricMethod | None = None, *, progress: Progress = silent
+) -> Reconstructor:
     """Return a reconstructor calibrated on the recording's own flats and ball presses.
 
     It warns where the recording's frames are shifted against the reference, or the reference shows a contact.
     `method` is a name in PHOTOMETRIC, the path of a saved method, or a method, which uses the recording's
     flats as reference where there are any. None: DEFAULT on the recording's balls; without balls, the recording's
-    own contacts or the network of this kind of sensor, with a warning. Raises InputError or RecordingError where
-    the reference is missing or cannot be used.
+    own contacts or the network of this kind of sensor, with a warning. `progress` hears of each pass. Raises
+    InputError or RecordingError where the reference is missing or cannot be used.
     """
     from tactilevision.recording.model import Recording, faults_of_flats
 
@@ -289,7 +334,8 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     frames = [*spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
-        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method)
+        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method, progress)
+    progress(0, 1, "frames")
     return with_view(found, seen).look(frames)
 
 
@@ -335,7 +381,9 @@ def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
     return found.varied(method=method, match=match, taught=found.taught).warned(seen.note)
 
 
-def _built(recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None) -> Reconstructor:
+def _built(
+    recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None, progress: Progress
+) -> Reconstructor:
     from tactilevision.recording.pictures import read_reference
 
     sensor = recording.sensor
@@ -363,8 +411,9 @@ def _built(recording: Recording, flats: Sequence[Bytes], method: str | Photometr
     free = free_frames(recording)
 
     def calibrated() -> Reconstructor:
-        calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
-        found = tuned(sensor, calibration, pictures=pictures, free=free)
+        how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
+        calibration = calibrate_from_balls(reference, pictures, **how)
+        found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*doubt_of_radii(sensor, pictures, calibration))
 
     found = kept_light(sensor, name, reference, pictures=pictures, free=free, make=calibrated)
@@ -416,7 +465,14 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
         return own.warned(*noted)
     if ready is None or path is None:
         raise _nothing_known(recording, flats)
-    order = order_warnings(path, flats, some_frames(recording, count=FRAMES_FOR_ORDER), sensor=sensor)
+    few = some_frames(recording, count=FRAMES_FOR_ORDER)
+    order = order_warnings(path, flats, few, sensor=sensor)
+    if not order and ready.referenced is not None:
+        method, torn = ready.referenced, TearCheck(sensor)
+        pressed = [
+            rgb for rgb in few if contacts_in([rgb], method.reference, torn) and not untouched_of(method, [rgb])
+        ]
+        check_surface(method, pressed, sensor=sensor, where=recording.path)
     if order and ready.match is not None:
         ready = ready.varied(match=replace(ready.match, other_light=True))
     return ready.warned(*noted, _network_warning(ready, sensor.kind), *order)
@@ -483,6 +539,10 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     _check_colours(reference)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
+    if scale_is_assumed(method.card):
+        card = method.card
+        std = max(card.held_out_gain_std or 0.0, NETWORK_SCALE_STD)
+        method = replace(method, card=replace(card, held_out_gain_std=std))
     match, said = ReferenceMatch(method, DEFAULT_BASELINE), tuple[str, ...]()
     if method.card.light is not None:  # else it applies to any light
         match, said = match.with_light(method.card.light)

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tactilevision.heightmap.ball_validation import scale_is_assumed
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.walls import PunchEdge, window_of
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
@@ -56,7 +57,9 @@ class DepthError:
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px, self.shape = method, mm_per_px, method.reference.shape
         card = method.card
-        self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
+        self.assumed = scale_is_assumed(card)
+        share = ASSUMED_STEEP_SHARE if self.assumed else STEEP_SHARE
+        self.steepest = share * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
         self.step_mm = every * mm_per_px[0], every * mm_per_px[1]
         noise = noise_variance(
@@ -169,9 +172,8 @@ class DepthError:
         reading = surface.reading
         if surface.walls or not reading.steepest > self.steepest:
             return 0.0
-        return hidden_step_mm(
-            few, reading.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
-        )
+        at: Any = {"steepest": self.steepest, "every": self.every, "mm_per_px": self.mm_per_px}
+        return hidden_step_mm(few, reading.slopes, sharp=self.assumed, **at)
 
 
 def _thinned(patch: Patch, shape: tuple[int, int], size: tuple[int, ...]) -> Picture:
@@ -431,23 +433,45 @@ def wall_variances(shape: tuple[int, ...], edges: Sequence[PunchEdge], *, mm_per
 #     variance(x, y) = (g l)^2      where the depth is over half of the greatest; 0 elsewhere
 #
 # g: the steepest calibrated slope; l: mean width of the steep band, n px^2 / sqrt(4 pi A), n its pixels and A the
-# area inside it. Such a band may hide the fall of a slope g over its width, which changes all depths inside it.
-# Vanishes where no slope is steeper than g. Assumes one approximately round contact.
+# area inside it. Such a band may hide the fall of a slope g over its width, which changes all depths inside it:
+# outside the sharp edge of a rigid flat face of any outline the slope falls as the inverse root of the distance,
+# so that the surface falls by 2 g l over the band, of which at least g l is read.
+# Vanishes where no slope is steeper than g. Assumes one approximately round contact. By an assumed light g is less
+# and counts only at a sharp rim around a face: the slopes of balls and cones are seen to grow.
 
 STEEP_SHARE = 0.95  # of the steepest calibrated slope: steeper slopes may be read too low
+ASSUMED_STEEP_SHARE = 0.5  # the same by an assumed light, which reads steep walls at .6 to .8 of gentle ones
+FLANK = 2  # points of the grid inwards, within which the slope of a sharp rim ends
+FLAT_SHARE = 0.25  # of a rim's slope, below which the place inside it belongs to a flat face
+SHARP_SHARE = 1 / 3  # of the rim's length: as much of a circular edge is needed
 MIN_STEEP_PX = 12  # pixels of a steep band; fewer are noise
 BEHIND = 0.5  # of the greatest depth: deeper points lie inside the steep band
 
 
-def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, every: int, mm_per_px: Pair) -> float:
+def hidden_step_mm(
+    depth_mm: Picture, slopes: SlopeMap, *, steepest: float, every: int, mm_per_px: Pair, sharp: bool = False
+) -> float:
     """Return the step (mm) that `depth_mm` (h, w) may lack inside slopes (H, W) steeper than `steepest` (mm/mm).
 
-    `depth_mm` holds every `every`th pixel each way; `mm_per_px` (x, y) is of the whole picture.
+    `depth_mm` holds every `every`th pixel each way; `mm_per_px` (x, y) is of the whole picture. `sharp`: 0 unless
+    the steep slopes end within FLANK points at a flat face.
     """
     p, q = slopes.dz_dx[::every, ::every], slopes.dz_dy[::every, ::every]
-    steep_px = every**2 * np.count_nonzero((np.abs(p) > steepest) | (np.abs(q) > steepest))
+    steep = (np.abs(p) > steepest) | (np.abs(q) > steepest)
+    steep_px = every**2 * np.count_nonzero(steep)
     if steep_px < MIN_STEEP_PX:
         return 0.0
     area_px = max(float(every**2) * np.count_nonzero(depth_mm > BEHIND * depth_mm.max()), 1.0)
-    width_px = steep_px / np.sqrt(4 * np.pi * area_px)
-    return float(steepest * width_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))
+    rim_px = np.sqrt(4 * np.pi * area_px)
+    if sharp and every * _ending_at_a_face(p, q, steep) < SHARP_SHARE * FLANK * rim_px:
+        return 0.0
+    return float(steepest * steep_px / rim_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))
+
+
+def _ending_at_a_face(p: Array, q: Array, steep: Bools) -> int:
+    """Return the number of `steep` points (h, w) whose slopes p, q, followed inwards by FLANK points, end."""
+    size = np.hypot(p, q).astype(np.float32)
+    y, x = np.nonzero(steep)
+    inwards = FLANK / size[steep]
+    at = (x + inwards * p[steep]).astype(np.float32), (y + inwards * q[steep]).astype(np.float32)
+    return int(np.count_nonzero(cv2.remap(size, *at, cv2.INTER_LINEAR).ravel() < FLAT_SHARE * size[steep]))

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.ball_validation import unfit_warnings
-from tactilevision.heightmap.deviation import DepthError, Surface, shades
+from tactilevision.heightmap.ball_validation import scale_is_assumed, unfit_warnings
+from tactilevision.heightmap.deviation import ASSUMED_STEEP_SHARE, DepthError, Surface, shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, rises_too_much
 from tactilevision.heightmap.poisson import TwoGridPoisson, integrate
 from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
@@ -149,8 +149,10 @@ class Reconstructor:
     @cached_property
     def readable(self) -> float:
         """Return the steepest slope that is read reliably."""
-        steepest = self.referenced.card.steepest_slope if self.referenced else None
-        return READABLE * steepest if steepest else np.inf
+        card = self.referenced.card if self.referenced else None
+        if card is None or not card.steepest_slope:
+            return np.inf
+        return (ASSUMED_STEEP_SHARE if scale_is_assumed(card) else READABLE) * card.steepest_slope
 
     @cached_property
     def error(self) -> DepthError | None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.photometric.drift import block_means
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import COLOURS, make_reference
 from tactilevision.photometric.storage import load_network
@@ -283,6 +284,8 @@ def _marked(seen: Bools) -> tuple[float, float] | None:
 # by 180 degrees only changes the sign.
 
 FRAMES_FOR_ORDER = 6  # number of frames, spread over the recording
+MAX_CURL = 0.4  # of squared slopes: nine real sensors .04 to .21, simulated lights of other sensors .5 to .9
+MIN_PLACES = 4  # contacts that determine a light without a network
 BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
 EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
     "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
@@ -313,6 +316,22 @@ def order_warnings(
         f"the slopes is curl); with {' or '.join(better)} they do ({100 * min(shares.values()):.0f} %). Save "
         "frames and reference as the maker's software shows them; depths are false",
     )
+
+
+def check_surface(method: CalibratedMethod, pressed: Sequence[Bytes], *, sensor: Sensor, where: Path) -> None:
+    """Raise InputError where the slopes that a ready network reads of contacts belong to no surface.
+
+    `pressed` are rectified pictures (H, W, 3) with a contact; without one noise alone has curl.
+    """
+    share = curl_share(method, pressed, sensor.mm_per_px)
+    if share > MAX_CURL:
+        raise InputError(
+            f"the light is not that of a usual {sensor.kind}, whose network reads no surface here",
+            where=where,
+            value=f"{100 * share:.0f} % of the slopes is curl",
+            remedy="Press balls to calibrate the light; or name the sensor custom, and press something round at "
+            f"{MIN_PLACES} places or more.",
+        )
 
 
 def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pair) -> float:

@@ -71,7 +71,7 @@ class Contact:
 def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Contact | None:
     """Return the contact of a frame by its relative change (3, H, W), where `valid`, a mask (H, W); or None."""
     try:
-        x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid)
+        x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid, hull=True)
     except InputError:
         return None
     if radius < MIN_RADIUS_PX:
@@ -203,7 +203,9 @@ ROUND = 30  # weight of axes of round contacts; 100 within .5 degrees on three r
 ROUND_ITERATIONS = 3  # of recomputing axes
 RIDGE = 1e-4  # of a term's own power
 MAX_ITERATIONS = 3  # of reweighting equations; they converge in two
-USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors .8 to 3.5
+USUAL_CHANGE = (
+    1.7  # colour change over slope, of three colours together: geometric middle of real sensors, .8 to 3.5
+)
 MIN_GAP = 4  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
 STEEPEST = 99.5  # percentile of slopes read in the contacts that bounds later ones
 CONTRADICTION_DEG = 45  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
@@ -225,8 +227,10 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
     elsewhere = 2.0 * (steps % 1.0) - 1.0
     change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])
     anchor = change @ constant.T
-    if prior is not None:
-        anchor = 0.5 * (anchor + prior(change, place))
+    if prior is not None:  # directions of both, and the power of the prior: a mean of two that differ has less
+        told = prior(change, place)
+        anchor = 0.5 * (anchor + told)
+        anchor *= np.sqrt(np.sum(told**2) / np.sum(anchor**2))
     terms = np.concatenate([seen.samples, design(seen.change, elsewhere, TERMS)])
     solve = partial(_solve, seen.equations, terms, anchor, scaled=len(seen.change), weight=ANCHOR / len(contacts))
     varies = len(contacts) >= MIN_VARYING
@@ -339,7 +343,7 @@ def _least_curl(seen: Contact) -> Floats | None:
 
 
 def _cauchy(residual: Floats) -> Floats:
-    scale = mad_std(residual, centre=0.0) + NONZERO
+    scale = mad_std(residual, centre=0.0) + TINY  # most of a flat face has no slope at all
     return np.asarray(1.0 / (1.0 + (residual / (OUTLYING * scale)) ** 2))
 
 
@@ -350,7 +354,10 @@ RELATIVE_ERROR = 0.5  # of a slope, where no network determines its scale
 # degrees: medians by one and three contacts, or objects, of nine real sensors (benchmarks.own_contacts)
 FEW_OFF_DEG = "4 to 15"
 FEW_OFF_WITH_NETWORK_DEG = "3 to 13"  # the same with a network
-SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of the usual one
+SCALE_STD = 1.0  # of true over read depth, less 1: nine real sensors have .56 to 3 times what a usual light reads
+NETWORK_SCALE_STD = (
+    0.4  # with a network, rms: eight real sensors have .76 to 1.28, deep faces of two simulated 1.8
+)
 
 
 def calibrated_on_frames(
@@ -360,27 +367,27 @@ def calibrated_on_frames(
     light.
 
     Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is rejected, unless they
-    agree with it relative to the median of the frames: then the reference is pressed, and that median replaces it.
+    agree with it relative to the median of the frames, at many places: then the reference is pressed, and that
+    median replaces it.
     """
     frames = some_frames(recording, count=MAX_FRAMES)
     torn = TearCheck(recording.sensor)
-    seen = _contacts(frames, reference, torn)
+    seen = contacts_in(frames, reference, torn)
     contradicted = prior is not None and contradict(seen, prior.law.at)
     if contradicted and prior is not None:
         median = np.median(frames, axis=0).round().astype(np.uint8)
-        others = _contacts(frames, make_reference([median], may_have_marks=reference.marks is not None), torn)
-        if others and not contradict(others, prior.law.at):
+        others = contacts_in(frames, make_reference([median], may_have_marks=reference.marks is not None), torn)
+        if _at_many_places(others) and not contradict(others, prior.law.at):
             seen, contradicted = others, False
     prior = None if contradicted else prior
     law = calibrate_on_contacts(seen, None if prior is None else prior.law.at)
     if law is None:
         return None
-    known = MethodCard(held_out_gain_std=SCALE_STD) if prior is None else prior.card
     card = MethodCard(
         method=law.name,
         fitted_by="contacts",
         sensor=recording.sensor.kind,
-        held_out_gain_std=known.held_out_gain_std,
+        held_out_gain_std=SCALE_STD if prior is None else prior.card.held_out_gain_std,
         steepest_slope=law.steepest,
         other={
             "contacts": len(seen),
@@ -392,7 +399,17 @@ def calibrated_on_frames(
     return CalibratedMethod(law, reference, error, None, card)
 
 
-def _contacts(frames: Sequence[Bytes], reference: Reference, torn: TearCheck) -> list[Contact]:
+def _at_many_places(contacts: Sequence[Contact]) -> bool:
+    """Return whether most contacts are farther than a radius from their middle: then their median is free gel."""
+    if not contacts:
+        return False
+    centres = np.array([one.place.mean(axis=0) for one in contacts])
+    radii = np.array([np.std(one.place, axis=0) / (np.std(one.outward, axis=0) + TINY) for one in contacts])
+    apart = np.hypot(*((centres - np.median(centres, axis=0)) / (radii + TINY)).T)
+    return bool(np.median(apart) > 1.0)
+
+
+def contacts_in(frames: Sequence[Bytes], reference: Reference, torn: TearCheck) -> list[Contact]:
     """Return the readable contacts of rectified frames (H, W, 3) that are not torn."""
     change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
     for rgb in frames:

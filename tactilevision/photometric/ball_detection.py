@@ -119,8 +119,11 @@ def find_ball(
     return ball
 
 
-def first_guess(change: Array, usable: Bools | None = None) -> Circle:
-    """Return centre x, y and radius (px) of the largest blob of `change` (H, W, 3) above the noise."""
+def first_guess(change: Array, usable: Bools | None = None, *, hull: bool = False) -> Circle:
+    """Return centre x, y and radius (px) of the largest blob of `change` (H, W, 3) above the noise.
+
+    `hull`: of the blob's convex hull. A flat punch changes only a ring, of less area than the contact.
+    """
     from skimage.measure import label, regionprops
 
     blurred = cv2.GaussianBlur(np.nan_to_num(change), (0, 0), 1.5)
@@ -139,6 +142,10 @@ def first_guess(change: Array, usable: Bools | None = None) -> Circle:
     blob = (size > max(0.35 * top, 4 * typical)).astype(np.uint8)
     blob = cv2.morphologyEx(blob, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     best = max(regionprops(label(blob)), key=lambda region: region.area)
+    if hull:
+        moments = cv2.moments(cv2.convexHull(best.coords[:, ::-1].astype(np.int32)))
+        area = max(moments["m00"], 1.0)
+        return moments["m10"] / area, moments["m01"] / area, float(np.sqrt(area / np.pi))
     y, x = best.centroid
     return float(x), float(y), float(np.sqrt(best.area / np.pi))
 

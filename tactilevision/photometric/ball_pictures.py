@@ -25,6 +25,7 @@ from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import BallFit, groups_of
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.methods.polynomial import LAW_RIDGE, SHARES, InverseShading
+from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair, Picture
 
@@ -157,9 +158,10 @@ class BallSearch:
     pictures: Sequence[BallPicture]
     mm_per_px: Pair
     rng: np.random.Generator
+    progress: Progress = silent
 
-    def collect(self, find: Finder | None = None) -> FoundBalls:
-        """Return the balls by `find`, or by `locate`.
+    def collect(self, find: Finder | None = None, what: str = "balls") -> FoundBalls:
+        """Return the balls by `find`, or by `locate`; the progress says `what` is found.
 
         Raises InputError for too few, with the faults of the others.
         """
@@ -167,6 +169,7 @@ class BallSearch:
         contact, resting = list[Samples](), list[Samples]()
         marks, scale, rng = self.change.reference.marks, self.mm_per_px, self.rng
         for number, picture in enumerate(self.pictures):
+            self.progress(number, len(self.pictures), what)
             try:
                 changes, _, valid = self.change.measure_known(picture.rgb)
                 if marks is not None:
@@ -198,9 +201,9 @@ class BallSearch:
             return alone
         for shares in ((1 - RADIUS_CHANGE, 1 + RADIUS_CHANGE), (1 - HELD_CHANGE, 1 + HELD_CHANGE)):
             seen = alone
-            for _ in range(REFINEMENTS):
+            for turn in range(REFINEMENTS):
                 last, find = seen, self._by_light(seen, alone.balls, shares)
-                seen = self.collect(find)
+                seen = self.collect(find, f"circles of balls, round {turn + 1} of at most {REFINEMENTS}")
                 if _moved_px(seen.balls, last.balls) < SETTLED_PX:
                     break
             if shares[0] + HELD_CHANGE < _radius_change(seen.balls, alone.balls) < shares[1] - HELD_CHANGE:

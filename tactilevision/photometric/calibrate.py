@@ -18,7 +18,7 @@ from tactilevision.photometric.cross_validation import BallFit, Fitter, HeldOutL
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import RIDGES, Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
-from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw, Progress, silent
 from tactilevision.photometric.reference import BackgroundSums, Reference
 from tactilevision.photometric.shading_law import response_of
 from tactilevision.records.measured import Floats, Pair, Picture
@@ -41,23 +41,30 @@ class Calibration:
 
 
 def calibrate_from_balls(
-    reference: Reference, pictures: Sequence[BallPicture], *, mm_per_px: Pair, fit: Fitter
+    reference: Reference,
+    pictures: Sequence[BallPicture],
+    *,
+    mm_per_px: Pair,
+    fit: Fitter,
+    progress: Progress = silent,
 ) -> Calibration:
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than MIN_BALLS
-    usable presses, with the faults of the others.
+    Assumes that inside the contact circle the gel has the ball's shape. `progress` hears of each pass. Raises
+    InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
-    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0))
+    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
     alone = search.collect()
     seen = search.refine(alone)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:
         fit = prepared(change, shots, balls, mm_per_px)
-    best = _best_fit(fit, pressed, resting)
+    best = _best_fit(fit, pressed, resting, progress)
+    progress(0, 1, "uncertainty of the scale")
     scale = scale_uncertainty(best)
+    progress(0, 1, "checks of the balls")
     direction = float(np.median(direction_error_deg(best.held_out, pressed.slopes)))
     slope_error = float(np.sqrt(np.mean(np.sum((best.held_out - pressed.slopes) ** 2, axis=1))))
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
@@ -98,7 +105,7 @@ def calibrate_from_balls(
     )
 
 
-def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> BallFit:
+def _best_fit(fit: Fitter, pressed: Samples, resting: Samples, progress: Progress) -> BallFit:
     """Return the fit by the fitter and ridge with the least error at held-out balls.
 
     Raises InputError where too few balls have the same known colours.
@@ -106,7 +113,11 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> BallFit:
     white = InputError("two colours are overexposed there", remedy="Dim the light, or press balls elsewhere.")
     check_count(known := len(np.unique(pressed.press)), known, [("the others", white)])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES[:3])]
-    return min((BallFit(fitter, ridge, pressed, resting) for fitter, ridge in ways), key=lambda made: made.error)
+    fits = [BallFit(fitter, ridge, pressed, resting) for fitter, ridge in ways]
+    for number, made in enumerate(fits):
+        progress(number, len(fits), "laws of the light")
+        made.error  # noqa: B018 -- kept by the fit
+    return min(fits, key=lambda made: made.error)
 
 
 def _two_colours(best: BallFit, pressed: Samples, resting: Samples) -> TwoColourLaws:

@@ -14,6 +14,16 @@ from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bytes, Floats, Picture
 
 
+class Progress(Protocol):
+    """Callback with the progress of a calibration: `done` of `total` steps of a pass, and what the pass does."""
+
+    def __call__(self, done: int, total: int, what: str = "") -> None: ...
+
+
+def silent(done: int, total: int, what: str = "") -> None:
+    """Ignore the progress."""
+
+
 class PhotometricMethod(Protocol):
     """Photometric method; PHOTOMETRIC lists the built-in ones."""
 

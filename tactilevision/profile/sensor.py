@@ -219,7 +219,8 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
         sensor, white = replace(profile.sensor, gel=gel), profile.white_level
         found = replace(own, sensor=sensor, flats=flats, balls=(), white_level=white)
     else:
-        found = read_folder(path, profile.sensor, reference=reference, white_level=profile.white_level)
+        white = profile.white_level
+        found = read_folder(path, profile.sensor, reference=reference, white_level=white, guess=False)
     size = found.frame_size_px
     if size is not None and size != profile.frame_size_px:
         raise InputError(

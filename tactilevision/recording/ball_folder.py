@@ -115,11 +115,11 @@ def read_ball_folder(
     collected = is_gs_sdk_folder(root)
     place = None if collected else place_of_balls(root)
     if place is None and ball_radius_mm is None and not collected:
-        return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
+        return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px)
     folder, table = place or (root, root / TABLE)
     usual = root / UNTOUCHED if collected else folder.parent / FLAT
     flats = reference or (usual if collected or usual.is_dir() else None)
-    found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px, guess=True)
+    found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px)
     if found.flat_frames:
         raise RecordingError(
             "ball presses need a picture of the untouched gel",

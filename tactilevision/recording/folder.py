@@ -107,16 +107,16 @@ def read_folder(
     reference: Path | str | None = None,
     mm_per_px: float | None = None,
     white_level: float | None = None,
-    guess: bool = False,
+    guess: bool = True,
 ) -> Recording:
     """Read pictures in the order of their names, without times.
 
     `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
-    `reference` a picture of the untouched gel, or a folder of such, here or in `path`, guessed with `guess` if
-    there is none; `mm_per_px` the scale, guessed if the sensor's usual one does not apply. The warnings list the
-    guesses. If `path` is a recording, what is not given here is read from it. `white_level` is for a Sensor.
-    Raises RecordingError for an empty folder, an unknown or missing sensor, and a missing reference; InputError
-    for an impossible scale.
+    `reference` a picture of the untouched gel, or a folder of such, here or in `path`; without one it is guessed,
+    unless `guess` is False; `mm_per_px` the scale, guessed if the sensor's usual one does not apply. The warnings
+    list the guesses. If `path` is a recording, what is not given here is read from it. `white_level` is for a
+    Sensor. Raises RecordingError for an empty folder, an unknown or missing sensor, and a missing reference;
+    InputError for an impossible scale.
     """
     root = Path(path)
     flats = list_references(_named(reference, root))

@@ -237,7 +237,7 @@ MEANING = {
     SHADOW: "gel within 5 depths of a steep wall may be in the shadow of a lamp and then falls too steeply, as "
     "its deviation states; a deep flat face may be read up to half too deep, unless certified faces taught its "
     "wall",
-    STEEP: "slopes are steeper than any calibrated by balls, and belong to no round flat face: depth behind "
+    STEEP: "slopes are steeper than any calibrated, and belong to no round flat face: depth behind "
     "them is too small; calibrate with smaller balls, or deeper presses of them",
     BORDER: "a contact reaches the picture's border: it is cut off, or light comes from outside",
 }

@@ -248,9 +248,24 @@ def test_where_there_is_no_terminal_progress_is_lines(
         time.sleep(0.2)
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("certifying presses: 2 of 9, ")
+    assert "left" not in said[0], "one step does not tell how long the others take"
+    with console.progress_bar("calibrating the light:") as progress:
+        progress(0, 4, "balls")
+        time.sleep(1.2)
+        progress(1, 4, "balls")
+        time.sleep(0.1)
+    said = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"calibrating the light: balls: 1 of 4, \d+ s, about [34] s left of it", said[-1])
     with console.progress_bar("quick"):
         pass
     assert capsys.readouterr().err == ""
+
+
+def test_a_warning_is_printed_once_in_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    console.warned.clear()
+    for _ in range(3):
+        console.warn(["dim", "dim", "dark"])
+    assert capsys.readouterr().err.splitlines() == ["warning: dim", "warning: dark"]
 
 
 @pytest.mark.parametrize("command", [("depth",), ("force", "--calibration", "none.json"), ("calibrate",)])

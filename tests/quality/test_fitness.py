@@ -85,7 +85,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
         Stream(reader)
     Stream(reader, even_so=True)
 
-    def built(recording: Recording, method: object = None) -> Reconstructor:
+    def built(recording: Recording, method: object = None, *, progress: object = None) -> Reconstructor:
         return reader
 
     monkeypatch.setattr("tactilevision.cli.source.build_reconstructor", built)

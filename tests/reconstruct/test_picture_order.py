@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE
 
+from tactilevision.errors import InputError
 from tactilevision.heightmap.build import build_reconstructor
-from tactilevision.heightmap.scene_faults import curl_share, order_warnings
+from tactilevision.heightmap.scene_faults import check_surface, curl_share, order_warnings
 from tactilevision.photometric.methods.network import find_model
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_network
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.pictures import read_flats, read_frame, read_reference
 from tactilevision.recording.read import read_recording
@@ -49,8 +52,11 @@ def test_exchanged_pictures_are_named_and_others_are_not(said: str) -> None:
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_who_reads_such_a_folder_is_warned_and_its_maps_are_flagged(tmp_path: Path, swapped: bool) -> None:
-    """One press, of which the contacts alone do not tell the light: the network reads alone."""
+def test_who_reads_such_a_folder_is_warned_and_its_maps_are_flagged(
+    tmp_path: Path, swapped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network reads alone, as where the contacts do not determine the light."""
+    monkeypatch.setattr("tactilevision.heightmap.build.calibrated_on_frames", lambda *_, **__: None)
     recording = read_recording(SAMPLE)
     shot = rectify(recording.sensor, read_frame(recording, 60).rgb)
     for name, rgb in (("ref", sample()[0][0]), ("0", shot)):
@@ -58,6 +64,20 @@ def test_who_reads_such_a_folder_is_warned_and_its_maps_are_flagged(tmp_path: Pa
     found = build_reconstructor(read_folder(tmp_path, "gelslim3", guess=True))
     assert any("the frames show no surface" in one for one in found.warnings) == swapped
     assert ("light" in found.rectified_map(shot[..., ::-1].copy() if swapped else shot).flags) == swapped
+
+
+def test_contacts_whose_slopes_are_no_surface_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whirl in a bowl, read by a network; without a contact nothing is judged."""
+    flats, shots = sample()
+    path = find_model("gelslim3")
+    assert path is not None
+    network = load_network(path, make_reference(flats))
+    sensor = read_recording(SAMPLE).sensor
+    check_surface(network, shots, sensor=sensor, where=SAMPLE)
+    monkeypatch.setattr(network, "slopes", Field(0.7).slopes)
+    check_surface(network, [], sensor=sensor, where=SAMPLE)
+    with pytest.raises(InputError, match="the light is not that of a usual gelslim3"):
+        check_surface(network, shots, sensor=sensor, where=SAMPLE)
 
 
 class Field:
@@ -69,7 +89,8 @@ class Field:
         self.share = share
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
-        y, x = (at - 0.5 * (n - 1) for at, n in zip(np.indices(rgb_rectified.shape[:2]), (120, 160), strict=True))
+        shape = rgb_rectified.shape[:2]
+        y, x = (at - 0.5 * (n - 1) for at, n in zip(np.indices(shape), shape, strict=True))
         near = np.exp(-(x**2 + y**2) / (2 * 15.0**2)) / 15.0
         bowl, whirl = np.sqrt(1.0 - self.share) * near, np.sqrt(self.share) * near
         return SlopeMap(-bowl * x - whirl * y, -bowl * y + whirl * x)

@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -108,6 +109,24 @@ def test_gel_that_a_wall_may_shade_is_uncertain_and_no_gel_beyond() -> None:
     gentle = replace(edge, depth_mm=0.03)
     assert not shades(gentle)
     assert not wall_variances((60, 80), [gentle], mm_per_point=PX)[1].any()
+
+
+def test_a_steep_band_hides_a_step_only_around_a_face_if_asked() -> None:
+    """A square face under an assumed light, of slopes that fall as 1/sqrt outside it; and a ball's, as steep."""
+    y, x = (np.indices((120, 120)) - 59.5) * PX[0]
+    beyond = np.maximum(np.abs(x), np.abs(y)) - 1.5
+    slope = np.where(beyond > 0, -0.15 / np.sqrt(np.maximum(beyond, 0.01)), 0.0)
+    across = np.abs(x) > np.abs(y)
+    square = SlopeMap(slope * np.sign(x) * across, slope * np.sign(y) * ~across)
+    r = np.hypot(x, y)
+    fall = -np.minimum(r / 1.5, 1.5 / np.maximum(r, 0.1)) * 0.45 / np.maximum(r, 0.1)
+    dome = SlopeMap(fall * x, fall * y)
+    how: Any = {"steepest": 0.3, "every": 2, "mm_per_px": PX}
+    for slopes, shown, hidden in ((square, beyond < 0, True), (dome, r < 1.5, False)):
+        depth = np.where(shown, 0.3, 0.0).astype(np.float32)[::2, ::2]
+        any_rim = hidden_step_mm(depth, slopes, **how)
+        assert any_rim > 0.05
+        assert hidden_step_mm(depth, slopes, sharp=True, **how) == (any_rim if hidden else 0.0)
 
 
 def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:
