@@ -42,6 +42,7 @@ def import_log(
     console.say(
         f"{found.frames} frames of {frames} over {found.seconds:.3f} s, {found.readings} readings of force: {out}"
     )
+    console.say(*found.not_taken)
     if sensor is None:
         console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
     console.warn(found.warnings)

@@ -28,6 +28,8 @@ MAX_COLUMNS = 2_000  # of a table; recordings have some tens
 MAX_DEPTH = 64  # of brackets within brackets, and of the dotted parts of a key; files have less than ten
 MAX_DIGITS = 300  # of one number: 1e308 is the largest that there is
 MAX_NUMBER = 1_000_000_000_000  # of any number in mm, N, s, MPa or px; a time in s since 1970 has ten digits
+MAX_CHILD_MB = 500  # besides its size, of memory for the reader of a log, a data set or a video
+MAX_CHILD_SECONDS = 5  # of processor time for one answer of such a reader, and besides its size for all
 MAX_EFFECT_SECONDS = 10  # of one call of a private effect; those of the catalogue take milliseconds
 
 
@@ -67,8 +69,8 @@ _KINDS = {
 }
 
 
-def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
-    """Open a file for reading bytes; `limit` names the largest size.
+def open_regular(path: Path | str, *, limit: str | None = "MAX_FILE_MB") -> BinaryIO:
+    """Open a file for reading bytes; `limit` names the largest size, None: any.
 
     Raises InputError for a pipe, a device, a folder or a socket, and for a file beyond the limit; OSError where
     the file system refuses. It never waits: a pipe is opened without blocking.
@@ -83,7 +85,8 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
                 where=path,
                 remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy its content into a file.",
             )
-        check(about.st_size / MB, limit, what="its size in MB", where=path)
+        if limit is not None:
+            check(about.st_size / MB, limit, what="its size in MB", where=path)
         return os.fdopen(handle, "rb")
     except BaseException:
         os.close(handle)

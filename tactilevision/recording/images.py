@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +16,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files.arrays import read_array
-from tactilevision.files.opening import check, check_regular, read_bytes
+from tactilevision.files.child import Answer, Answers, asked
+from tactilevision.files.opening import check, read_bytes
 from tactilevision.files.pictures import check_picture, decode, is_cut, is_grey, is_stack, upright, why_no_colours
 from tactilevision.records.measured import Bytes
 
@@ -184,67 +187,81 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 # Frames of one video file by their index. Seeking is inexact at a varying frame rate, so frames are counted from
-# the start of the file. A reader that stopped half-way is parked, and the next one that starts behind it continues
-# from there, so that successive windows cost one pass.
+# the start of the file, in a child process. It is kept for the next call, so that successive windows cost one pass.
 
-_Key = tuple[Path, int, int]
-_parked: dict[_Key, tuple[cv2.VideoCapture, int]] = {}  # one at most
+_CONTAINER = re.compile(rb"....(ftyp|moov|mdat|free|skip|wide)|RIFF....AVI |\x1aE\xdf\xa3", re.S)  # MP4, AVI, Matroska
+_END = 1 << 62  # index beyond the last frame of any video
+_REPORTED = 32  # frames that are passed in one answer
+_Key = tuple[Path, int, int, int]
+_kept: dict[_Key, Answers] = {}  # one at most
 _lock = Lock()
 
 
 def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
     """Yield (index, rgb) for rising `indices`; rgb is None if the video ends before, or cannot be decoded."""
-    about = path.stat()
-    key = path, about.st_mtime_ns, about.st_size  # a file that was rewritten is another video
-    capture, position = _take(key, indices[0] if indices else 0)
-    going = True
-    try:
+    with _film(path) as film:
         for index in indices:
-            while going and position <= index:
-                going = capture.grab()
-                position += 1
-            picture = capture.retrieve()[1] if going else None
-            yield index, None if picture is None else rgb_of(np.asarray(picture), path)
-    finally:
-        if going:
-            with _lock:
-                _parked.clear()
-                _parked[key] = (capture, position)
+            _, _, picture = film.ask(index)
+            yield index, None if picture is None else rgb_of(picture, path)
 
 
 def count_frames(path: Path) -> int:
     """Count the frames by reading all of them: the number in the container is an estimate."""
-    capture, count = _open(path), 0
-    while capture.grab():
-        count += 1
-    return count
+    with _film(path) as film:
+        return int(film.ask(_END)[1])
 
 
 def stated_frames(path: Path) -> int:
     """Return the number of frames that the container states: often exact, at times an estimate, 0 if unknown."""
-    return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    with _film(path) as film:
+        return int(film.ask(-1)[0])
 
 
-def _take(key: _Key, first: int) -> tuple[cv2.VideoCapture, int]:
+@contextmanager
+def _film(path: Path) -> Iterator[Answers]:
+    """Open a video; one that failed fails again."""
+    about = path.stat()
+    key = path, about.st_mtime_ns, about.st_size, os.getpid()  # a file that was rewritten is another video
     with _lock:
-        parked = _parked.pop(key, None)
-    if parked is not None and parked[1] <= first:
-        return parked
-    return _open(key[0]), 0
+        film = _kept.pop(key, None)
+    film = film or Answers(film_frames, str(path), files=[path])
+    try:
+        yield film
+    finally:
+        with _lock:
+            _kept.clear()
+            _kept[key] = film
 
 
-def _open(path: Path) -> cv2.VideoCapture:
-    check_regular(path)
-    capture = cv2.VideoCapture(str(path))
-    if not capture.isOpened():
+def film_frames(path: str) -> Iterator[Answer]:
+    """Yield, in a child process, for each index asked for: frames stated, frames counted so far, BGR picture."""
+    capture, count, going = _open(path), 0, True
+    for index in asked():
+        if 0 <= index < count - 1:  # before the one at hand
+            capture, count, going = _open(path), 0, True
+        while going and count <= index:
+            going = capture.grab()
+            count += going
+            if count % _REPORTED == 0:
+                yield ()
+        picture = capture.retrieve()[1] if index == count - 1 else None
+        yield max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0), count, picture
+        if going and index >= 0:  # ahead, while the parent is at work
+            going = capture.grab()
+            count += going
+
+
+def _open(path: str) -> cv2.VideoCapture:
+    with open(path, "rb") as file:
+        known = _CONTAINER.match(file.read(12))
+    capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG) if known else None
+    if capture is None or not capture.isOpened():
         raise RecordingError(
             "the video cannot be opened",
             where=path,
             remedy="FFV1 in .mkv or .avi is lossless and read everywhere.",
         )
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # do not follow the orientation tag
-    pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
-    check(pixels, "MAX_PIXELS", what="the pixels of its pictures", where=path)
     return capture
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -19,7 +20,7 @@ from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes, Floats
-from tactilevision.robots.lerobot_dataset import INFO, STATS, DataSet, episode_files, opened, parts
+from tactilevision.robots.lerobot_dataset import INFO, STATS, DataSet, episode_files, parts
 from tactilevision.robots.log_export import COMPONENTS
 from tactilevision.robots.logs import library
 
@@ -220,14 +221,14 @@ class _Work:
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         target = folder / source.relative_to(self.dataset.root)
         target.parent.mkdir(parents=True, exist_ok=True)
-        with opened(source) as file:
-            schema_in = file.schema_arrow.remove_metadata()  # which lists the old columns alone
-        whole = arrow.schema([*schema_in, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
+        batches = parts(source)
+        old = next(batches).schema
+        whole = arrow.schema([*old, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
         packing = {f"{self.base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
         with parquet.ParquetWriter(
             target, whole, compression="zstd", use_dictionary=False, column_encoding=packing
         ) as writer:
-            for batch in parts(source):
+            for batch in batches:
                 readings = list(islice(self.readings, batch.num_rows))
                 columns = self._taken(readings)
                 new = [
@@ -253,14 +254,24 @@ class _Work:
         """Write the tables of episodes with the statistics of the new features."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         for name in episode_files(self.dataset.root):
-            table = arrow.Table.from_batches(list(parts(self.dataset.file(name))))
-            numbers = table.column("episode_index").to_pylist()
-            each = [statistics_as_json(self._stats(number)) for number in numbers]
-            for key, stats in each[0].items():
-                for what in stats:
-                    table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            parquet.write_table(table, folder / name, compression="zstd")
+            with ExitStack() as stack:
+                writer = None
+                for batch in parts(self.dataset.file(name)):
+                    table = self._with_statistics(arrow.Table.from_batches([batch]))
+                    if table.num_rows and writer is None:
+                        new = parquet.ParquetWriter(folder / name, table.schema, compression="zstd")
+                        writer = stack.enter_context(new)
+                    if writer is not None:
+                        writer.write_table(table)
+
+    def _with_statistics(self, table: Any) -> Any:
+        """Return a part of a table of episodes with the statistics of the new features."""
+        each = [statistics_as_json(self._stats(number)) for number in table.column("episode_index").to_pylist()]
+        for key, stats in each[0].items() if each else ():
+            for what in stats:
+                table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
+        return table
 
     def write_info(self, folder: Path) -> None:
         """Write info.json with the new features, and stats.json with their statistics."""

@@ -2,52 +2,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tactilevision.errors import InputError
+from tactilevision.files.child import Answer, Answers
 from tactilevision.files.documents import read_json
-from tactilevision.files.opening import MB, check, check_regular, damage, inside
+from tactilevision.files.opening import MB, damage, inside
 from tactilevision.recording.images import decode_image
 from tactilevision.records.measured import Bytes
 from tactilevision.robots.logs import library
 
-# Parquet files: regular, bounded, and read in parts.
+# Parquet files and videos: read in a child process.
 
 AGAIN = "Download it again."
 ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
+INTEGER = "whole numbers"
+NUMBER = "numbers"
+PICTURE = "pictures (structs with bytes)"
+ANY = "numbers, text or bytes, or lists or structs of them"
 
 
 def place_in(root: Path, name: str) -> Path:
-    """Return a file of the data set. Raises InputError where it is missing, outside, or not a regular file."""
+    """Return a file of the data set. Raises InputError where it is missing or outside."""
     path = inside(root, name, where=root)
     if not path.exists():
         raise InputError("the data set lacks a file", where=root, value=name, remedy="Download it whole.")
-    check_regular(path)
     return path
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Open a Parquet file. Raises InputError where it is damaged, also while it is read."""
-    with damage(path, remedy=AGAIN), library("pyarrow.parquet").ParquetFile(path) as file:
-        check(file.metadata.num_columns, "MAX_COLUMNS", what="the number of its columns", where=path)
-        yield file
+def parts(path: Path, columns: Mapping[str, str] | None = None) -> Iterator[Any]:
+    """Yield rows in record batches, the first empty; `columns` are names and what each holds, None: all.
+
+    Raises InputError where the file is damaged, and where a column is missing or of another type.
+    """
+    for (packed,) in Answers(batches, str(path), columns, files=[path]):
+        with damage(path, remedy=AGAIN), library("pyarrow").ipc.open_stream(packed) as stream:
+            batch = stream.read_next_batch()
+            batch.validate(full=True)
+        yield batch
 
 
-def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
-    """Yield rows in record batches; `columns` None: all. Raises InputError where one is missing or damaged."""
-    with opened(path) as file:
-        has = file.schema_arrow.names
-        missing = [name for name in columns or () if name not in has]
-        if missing:
-            raise InputError("a column is missing", where=path, value=missing[0])
-        for batch in file.iter_batches(batch_size=ROWS, columns=columns, use_threads=False):
-            check(batch.nbytes / MB, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
-            yield batch
+def batches(path: str, columns: Mapping[str, str] | None) -> Iterator[Answer]:
+    """Yield, in a child process, rows as streams of Arrow; a part without rows is the first."""
+    arrow = library("pyarrow")
+    with damage(path, remedy=AGAIN), library("pyarrow.parquet").ParquetFile(path, buffer_size=MB) as file:
+        schema = file.schema_arrow.remove_metadata()
+        if columns is not None:
+            missing = [name for name in columns if schema.get_field_index(name) < 0]
+            if missing:
+                raise InputError("a column is missing, or occurs twice", where=path, value=missing[0])
+            schema = arrow.schema([schema.field(name) for name in columns])
+        for field in schema:
+            kind = ANY if columns is None else columns[field.name]
+            if not _holds(field.type, kind):
+                raise InputError(f"column {field.name} does not hold {kind}", where=path, value=str(field.type)[:80])
+        first = [arrow.RecordBatch.from_pylist([], schema)]
+        for batch in chain(first, file.iter_batches(batch_size=ROWS, columns=schema.names, use_threads=False)):
+            empty = [name for name in columns or () if batch.column(name).null_count and columns[name] != PICTURE]
+            if empty:
+                raise InputError(f"column {empty[0]} has an empty cell", where=path)
+            sink = arrow.BufferOutputStream()
+            with arrow.ipc.new_stream(sink, schema) as stream:
+                stream.write_batch(batch)
+            yield (np.frombuffer(sink.getvalue(), np.uint8),)
+
+
+def _holds(kind: Any, wanted: str) -> bool:
+    """Return whether a column of this type of Arrow holds what is wanted."""
+    types = library("pyarrow.types")
+    if wanted == PICTURE:
+        known = types.is_struct(kind) and kind.get_field_index("bytes") >= 0
+        return known and (types.is_binary(data := kind.field("bytes").type) or types.is_large_binary(data))
+    if wanted in (INTEGER, NUMBER):
+        return types.is_integer(kind) or (wanted == NUMBER and types.is_floating(kind))
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind) or types.is_struct(kind):
+        return all(_holds(kind.field(number).type, ANY) for number in range(kind.num_fields))
+    named = "null boolean integer floating decimal temporal string large_string binary large_binary fixed_size_binary"
+    return any(getattr(types, f"is_{name}")(kind) for name in named.split())
 
 
 # Metadata: meta/info.json and meta/episodes.
@@ -56,8 +93,9 @@ INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
 VERSION = "v3."
 Place = tuple[int, int]  # numbers of chunk and file
 MAX_OFF = 0.1  # of the time between two frames, between a picture's time and its row's
-_INDEX = ("episode_index", "frame_index", "timestamp")
-_NUMBERS = ("episode_index", "length", "data/chunk_index", "data/file_index")
+_INDEX = {"episode_index": INTEGER, "frame_index": INTEGER, "timestamp": NUMBER}
+_NUMBERS = dict.fromkeys(("episode_index", "length", "data/chunk_index", "data/file_index"), INTEGER)
+_VIDEO = {"chunk_index": INTEGER, "file_index": INTEGER, "from_timestamp": NUMBER}
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +185,7 @@ class DataSet:
             yield row, decode_image(row.packed, Path(place))
 
     def _cells(self) -> Iterator[tuple[Path, int, int, float, bytes | None]]:
-        columns = [*_INDEX] if self.is_video else [*_INDEX, self.camera]
+        columns = _INDEX if self.is_video else _INDEX | {self.camera: PICTURE}
         for place in dict.fromkeys(one.data for one in self.episodes):
             path = self.data(place)
             for batch in parts(path, columns):
@@ -156,16 +194,17 @@ class DataSet:
                 if not self.is_video:
                     packed = [(one or {}).get("bytes") for one in batch.column(self.camera).to_pylist()]
                 for number, frame, time_s, data in zip(*index, packed, strict=True):
-                    yield path, number, frame, float(time_s), data
+                    yield path, number, frame, time_s, data
 
     def _from_videos(self) -> Iterator[tuple[Row, Bytes]]:
         place: Place | None = None
-        shown: Iterator[tuple[float, Bytes]] = iter(())
+        shown: Iterator[Answer] = iter(())
         for row in self.rows():
             due_s, off_s = row.episode.from_s + row.time_s, MAX_OFF / self.rate_Hz
             if row.episode.video != place:
                 place = row.episode.video
-                shown = _decoded(self.video(place))
+                path = self.video(place)
+                shown = Answers(video_frames, str(path), files=[path])
             found = next((one for one in shown if row.frame or one[0] > due_s - off_s), None)
             where = f"{self.video(place)}, episode {row.episode.number}, frame {row.frame}"
             if found is None:
@@ -215,15 +254,11 @@ def episode_files(root: Path) -> list[str]:
 
 
 def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
-    names = list(_NUMBERS)
-    if is_video:
-        names += [f"videos/{camera}/{part}" for part in ("chunk_index", "file_index", "from_timestamp")]
+    names = _NUMBERS | {f"videos/{camera}/{part}": kind for part, kind in _VIDEO.items() if is_video}
     found = []
     for name in episode_files(root):
         for batch in parts(place_in(root, name), names):
             for row in zip(*(batch.column(key).to_pylist() for key in names), strict=True):
-                if None in row or type(row[1]) is not int:  # the length
-                    raise InputError("an episode's number is missing", where=root / name, value=str(row)[:80])
                 number, length, chunk, file, *video = row
                 at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)
                 found.append(Episode(number, length, (chunk, file), at, from_s))
@@ -238,14 +273,13 @@ def _name(place: Place) -> str:
     return f"chunk-{place[0]:03d}/file-{place[1]:03d}"
 
 
-def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:
-    """Yield times, s, and pictures of a video."""
-    with damage(path, remedy=AGAIN), library("av").open(str(path), format="mp4") as box:
+def video_frames(path: str) -> Iterator[Answer]:
+    """Yield times, s, and pictures (H, W, 3), grey levels, of a video, in a child process."""
+    whitelist = {"protocol_whitelist": "file"}
+    with damage(path, remedy=AGAIN), library("av").open(path, format="mp4", options=whitelist) as box:
         if not box.streams.video:
             raise InputError("the file holds no video", where=path)
-        stream = box.streams.video[0]
-        for frame in box.decode(stream):
-            check(frame.width * frame.height, "MAX_PIXELS", what="a picture's pixels", where=path)
+        for frame in box.decode(box.streams.video[0]):
             if frame.time is None:
                 raise InputError("a picture of the video has no time", where=path)
             yield float(frame.time), frame.to_ndarray(format="rgb24")

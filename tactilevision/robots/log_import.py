@@ -22,18 +22,20 @@ from tactilevision.recording.settings import SensorSettings
 from tactilevision.recording.write import MAPS, sensor_table, write_forces, write_frame_table
 from tactilevision.records.measured import Floats, ForceSeries
 from tactilevision.records.rig import Sensor
-from tactilevision.robots.logs import Log, ros2_name
+from tactilevision.robots.logs import Topics, ros2_name
 from tactilevision.robots.messages import (
     COMPRESSED,
     IMAGE,
+    TRANSFORMS,
+    WRENCH,
     Clock,
+    Picture,
     Stamp,
     WrenchReading,
     check_clocks,
-    decode_picture,
-    decode_wrench,
     first_ns,
     fixed_rotation,
+    read_log,
     times_s,
 )
 from tactilevision.sensors import SENSORS
@@ -74,6 +76,7 @@ def _scaled(table: dict[str, Any], frames: Path, names: Sequence[str]) -> tuple[
 
 MAX_USUAL_N = 200  # N: pads of tactile sensors are pressed with some tens
 MAX_LISTED = 40  # topics named in a message; robots log hundreds
+OPTIONS = {IMAGE: "--frames", COMPRESSED: "--frames", WRENCH: "--wrench"}  # that take a topic of a type
 Rotation = tuple[tuple[float, float, float], ...]
 
 
@@ -109,7 +112,7 @@ class ImportSettings:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Result of an import: counts, seconds, frames of reference, largest force, guesses."""
+    """Result of an import: counts, seconds, frames of reference, largest force, guesses, topics not taken."""
 
     frames: int
     readings: int
@@ -118,6 +121,7 @@ class Imported:
     wrench_frame_id: str | None
     largest_N: float = 0.0
     guessed: tuple[str, ...] = ()
+    not_taken: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -140,14 +144,14 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
     if settings.frames == settings.wrench:
         raise InputError("is the topic of the frames, too", where="--wrench", value=settings.wrench)
-    log, (table, sensor) = Log(Path(path)), _sensor_table(settings.sensor, settings.mm_per_px)
+    log, topics, (table, sensor) = Path(path), Topics(), _sensor_table(settings.sensor, settings.mm_per_px)
     with staged(out) as folder:
-        names, stamps, readings = _messages(log, folder, settings)
+        names, stamps, readings = _messages(log, topics, folder, settings)
         wrench = [one.stamp for one in readings]
         settings = _with_axes(stamps, wrench, log, settings)
         if settings.clock is Clock.HEADER:
-            topics = {settings.frames: stamps} | ({settings.wrench: wrench} if settings.wrench else {})
-            check_clocks(topics, log.path)
+            clocks = {settings.frames: stamps} | ({settings.wrench: wrench} if settings.wrench else {})
+            check_clocks(clocks, log)
         origin_ns = first_ns([*stamps, *wrench], settings.clock)
         frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
         order = np.argsort(frame_s, kind="stable")
@@ -157,69 +161,73 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         table, guessed = _scaled(table, folder / layout.FRAMES, names)
         if sensor is not None and sensor.rectification is not None:
             save_rectification(sensor, folder / MAPS)
-        _write_settings(folder, log.path, settings, sensor=table, origin_ns=origin_ns)
+        _write_settings(folder, log, settings, sensor=table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
+    seconds, not_taken = float(np.ptp(frame_s)), _not_taken(topics, {settings.frames, settings.wrench})
     return Imported(
-        len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N, guessed
+        len(names), len(readings), seconds, stamps[0].frame_id, turned, largest_N, guessed, not_taken
     )
 
 
 def the_picture_topic(path: Path | str) -> str:
     """Return the only topic of pictures in a log. Raises InputError with the topics where it is not one."""
-    log = Log(Path(path))
-    for _ in log.messages(()):  # fills in the topics
-        pass
-    shown = sorted(name for name, kind in log.topics.items() if ros2_name(kind) in (IMAGE, COMPRESSED))
+    topics: Topics = {}
+    list(read_log(Path(path), topics))
+    shown = sorted(name for name, kind in topics.items() if OPTIONS.get(ros2_name(kind)) == "--frames")
     if len(shown) == 1:
         return shown[0]
     if shown:
         remedy = f"Name one with --frames: {', '.join(shown)}."
-        raise InputError("the log has several topics of pictures", where=log.path, remedy=remedy)
-    raise InputError("the log has no topic of pictures", where=log.path, remedy=_topics(log))
+        raise InputError("the log has several topics of pictures", where=path, remedy=remedy)
+    raise InputError("the log has no topic of pictures", where=path, remedy=f"It has: {_listed(topics)}.")
 
 
 def _messages(
-    log: Log, folder: Path, settings: ImportSettings
+    log: Path, topics: Topics, folder: Path, settings: ImportSettings
 ) -> tuple[list[str], list[Stamp], list[WrenchReading]]:
     """Write the frames to disk, and return their names and stamps, and the readings of force."""
     names: list[str] = []
     stamps: list[Stamp] = []
     readings: list[WrenchReading] = []
     (folder / layout.FRAMES).mkdir()
-    wanted = {settings.frames, settings.wrench} - {None}
-    for message in log.messages({str(one) for one in wanted}):
-        if message.topic == settings.frames:
-            picture = decode_picture(message, log.path)
-            names.append(f"{len(names):07d}{picture.suffix}")
-            stamps.append(picture.stamp)
-            (folder / layout.FRAMES / names[-1]).write_bytes(picture.data)
+    for _, one in read_log(log, topics, picture=settings.frames, wrench=settings.wrench):
+        if isinstance(one, Picture):
+            names.append(f"{len(names):07d}{one.suffix}")
+            stamps.append(one.stamp)
+            (folder / layout.FRAMES / names[-1]).write_bytes(one.data)
         else:
-            readings.append(decode_wrench(message, log.path))
-    _check_topic(log, settings.frames, len(stamps))
-    if settings.wrench is not None:
-        _check_topic(log, settings.wrench, len(readings))
+            readings.append(one)
+    for topic, count in ((settings.frames, len(stamps)), (settings.wrench, len(readings))):
+        if topic is not None and count < 2:
+            said = "the topic has fewer than two messages" if topic in topics else "the log has no such topic"
+            raise InputError(said, where=log, value=topic, remedy=f"It has: {_listed(topics)}.")
     return names, stamps, readings
 
 
-def _check_topic(log: Log, topic: str, count: int) -> None:
-    """Raise InputError with the topics of the log where this one has fewer than two messages."""
-    if count >= 2:
-        return
-    said = "the topic has fewer than two messages" if topic in log.topics else "the log has no such topic"
-    raise InputError(said, where=log.path, value=topic, remedy=_topics(log))
+def _listed(topics: Topics) -> str:
+    """Return the names of topics with their types."""
+    listed = [f"{name} ({kind})" for name, kind in sorted(topics.items())[:MAX_LISTED]]
+    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
+    return (", ".join(listed) or "no topic at all") + more
 
 
-def _topics(log: Log) -> str:
-    """Return a sentence that lists the topics of a log."""
-    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
-    return f"It has: {', '.join(has) or 'no topic at all'}."
+def _not_taken(topics: Topics, taken: set[str | None]) -> tuple[str, ...]:
+    """Return sentences of the topics that were not taken: those that an option takes, by option, and the rest."""
+    rest = {name: ros2_name(kind) for name, kind in topics.items() if name not in taken}
+    said = []
+    for option in dict.fromkeys(OPTIONS.values()):
+        takes = {name: kind for name, kind in rest.items() if OPTIONS.get(kind) == option}
+        said += [f"the log also has {_listed(takes)}; {option} takes {'one' if len(takes) > 1 else 'it'}"] * bool(takes)
+    others = {name: kind for name, kind in rest.items() if kind not in (*OPTIONS, TRANSFORMS)}
+    said += [f"the log also has {_listed(others)}; no option takes these"] * bool(others)
+    return tuple(said)
 
 
-def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> ImportSettings:
+def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Path, settings: ImportSettings) -> ImportSettings:
     """Return the settings with the rotation by the log's fixed transforms where one is needed and not stated."""
     ids = sorted({one.frame_id for one in wrench})
-    where = f"{log.path}, {settings.wrench}"
+    where = f"{log}, {settings.wrench}"
     if len(ids) > 1:
         raise InputError("the wrench changes its frame of reference", where=where, value=", ".join(ids)[:120])
     if settings.rotation is not None or not ids or ids[0] == frames[0].frame_id:

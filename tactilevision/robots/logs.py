@@ -1,69 +1,27 @@
-"""Reader of robot logs (ROS 1 bag, ROS 2 folder or MCAP): topics and messages in bytes."""
+"""Reader of robot logs (ROS 1 bag, ROS 2 folder or MCAP): topics and messages in bytes, within a child process."""
 
 from __future__ import annotations
 
-import bz2
+import sqlite3
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field, replace
+from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from tactilevision import errors
 from tactilevision.errors import InputError
-from tactilevision.files.opening import MB, check, check_regular, damage, limit
+from tactilevision.files.opening import damage, inside
 
 library = partial(errors.library, extra="logs", where="logs and data sets")
-
-# Compressed parts of a log.
-
-ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame of Zstandard (RFC 8878, 3.1.1)
-
-
-def unpack(kind: str, data: bytes, *, where: object) -> bytes:
-    """Decompress one part; `kind` is "", none, bz2, lz4 or zstd.
-
-    Raises InputError beyond the limit MAX_ARRAY_MB, for another kind, and for a truncated part.
-    """
-    if kind in ("", "none"):
-        return data
-    if kind not in _OPEN:
-        raise InputError("a part of the log is packed in a way that is not read", where=where, value=kind)
-    most = int(limit("MAX_ARRAY_MB") * MB)
-    with damage(where, what="a packed part of the log is damaged"):
-        unpacker = _OPEN[kind]()
-        found = bytes(unpacker.decompress(data, max_length=most + 1))
-        check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
-        if not unpacker.eof:
-            raise ValueError("it is truncated")
-    return found
-
-
-class _Zstd:
-    """Decompressor of Zstandard with a limit, like that of bz2."""
-
-    def __init__(self) -> None:
-        self.eof = False
-
-    def decompress(self, data: bytes, max_length: int) -> bytes:
-        """Return at most `max_length` bytes."""
-        opened = library("zstandard").ZstdDecompressor(max_window_size=1 << 27).stream_reader(data)
-        found: bytes = opened.read(max_length)
-        stated = library("zstandard").frame_content_size(data)
-        self.eof = stated < 0 or len(found) >= min(stated, max_length)
-        return found
-
-
-_OPEN: dict[str, Any] = {
-    "bz2": bz2.BZ2Decompressor,
-    "lz4": lambda: library("lz4.frame").LZ4FrameDecompressor(),
-    "zstd": _Zstd,
-}
-
 
 # Logs: ROS 1 (.bag), ROS 2 (a folder, .db3 or .mcap) and MCAP (.mcap). Message definitions in a log are not used.
 
 STORAGES = (".bag", ".db3", ".mcap")
+ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame of Zstandard (RFC 8878, 3.1.1)
+Topics = dict[str, str]  # their types by their names
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,37 +35,15 @@ class Message:
     encoding: str
 
 
-@dataclass(slots=True)
-class Log:
-    """A log on disk; `topics` are filled in with their types while messages are read."""
-
-    path: Path
-    topics: dict[str, str] = field(default_factory=dict)
-
-    def messages(self, wanted: Collection[str]) -> Iterator[Message]:
-        """Yield the messages of the wanted topics in the order of the log.
-
-        Raises InputError for a log that is damaged, truncated, or beyond the limits.
-        """
-        total = 0.0
-        for path in _files(self.path):
-            check_regular(path)
-            remedy = "Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover)."
-            with damage(path, what="the log is damaged or truncated", remedy=remedy):
-                for message in _READ[path.suffix](self, path, wanted):
-                    total += len(message.data) / MB
-                    check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
-                    yield message
-
-
-def _files(path: Path) -> list[Path]:
+def storage_files(path: Path) -> list[Path]:
     """Return the storage files of a log. Raises InputError where there is none."""
     if not path.exists():
         raise InputError("there is no such log", where=path)
     found = [path]
     if path.is_dir():
-        found = sorted(one for one in path.iterdir() if one.suffix in STORAGES)
-        packed = sorted(one.name for one in path.iterdir() if one.suffix == ".zstd")
+        names = sorted(one.name for one in path.iterdir())
+        found = [inside(path, name, where=path) for name in names if name.endswith(STORAGES)]
+        packed = [name for name in names if name.endswith(".zstd")]
         if packed:
             raise InputError(
                 "the bag's files are packed", where=path, value=packed[0], remedy="Unpack them with zstd -d."
@@ -119,57 +55,72 @@ def _files(path: Path) -> list[Path]:
     return found
 
 
-def _read_ros1(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
+def messages(path: Path, wanted: Collection[str], topics: Topics) -> Iterator[Message]:
+    """Yield the messages of the wanted topics in the order of the log, and enter all topics into `topics`.
+
+    It runs in a child process, since it has no limits. Raises InputError for a log that is damaged or truncated.
+    """
+    remedy = "Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover)."
+    for file in storage_files(path):
+        with damage(file, what="the log is damaged or truncated", remedy=remedy):
+            with file.open("rb") as opened:
+                first = opened.read(16)
+            read = next((read for start, read in _READ.items() if first.startswith(start)), None)
+            if read is None:
+                raise InputError("is no ROS bag, SQLite or MCAP by its first bytes", where=file, value=first)
+            yield from read(file, wanted, topics)
+
+
+def _read_ros1(path: Path, wanted: Collection[str], topics: Topics) -> Iterator[Message]:
     with library("rosbags.rosbag1").Reader(path) as bag:
-        names = {value: name for name, value in library("rosbags.rosbag1.reader").decompressors.items()}
-        for place, chunk in bag.chunks.items():
-            bag.chunks[place] = chunk._replace(decompressor=partial(unpack, names[chunk.decompressor], where=path))
-        yield from _messages(log, bag, wanted, "ros1")
+        topics |= {one.topic: one.msgtype for one in bag.connections}
+        chosen = [one for one in bag.connections if one.topic in wanted]
+        for about, log_ns, data in bag.messages(chosen) if chosen else ():
+            yield Message(about.topic, about.msgtype, log_ns, bytes(data), "ros1")
 
 
-def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
-    if set("?#%") & set(str(path)):
-        raise InputError("the path has a letter that SQLite reserves (?, #, %)", where=path, remedy="Rename it.")
-    with library("rosbags.rosbag2").Reader(path) as bag:
-        for message in _messages(log, bag, wanted, "cdr"):
-            yield replace(message, data=_plain(message.data, path))
+def _read_sqlite(path: Path, wanted: Collection[str], topics: Topics) -> Iterator[Message]:
+    """Read tables alone: a view, a trigger, a virtual table or a calculated column is a program."""
+    with closing(sqlite3.connect(f"file:{quote(str(path.absolute()))}?immutable=1&mode=ro", uri=True)) as base:
+        base.execute("PRAGMA trusted_schema = OFF")
+        base.execute("PRAGMA cell_size_check = ON")
+        programs = "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') OR NOT rootpage > 0"
+        columns = "SELECT name FROM pragma_table_xinfo(?) WHERE hidden"
+        found = [*base.execute(programs), *base.execute(columns, ["topics"]), *base.execute(columns, ["messages"])]
+        if found:
+            raise InputError("holds more than tables", where=path, value=str(found[0][0])[:80])
+        about = {number: (name, kind) for number, name, kind in base.execute("SELECT id, name, type FROM topics")}
+        topics |= dict(about.values())
+        chosen = ", ".join(str(int(number)) for number, (name, _) in about.items() if name in wanted)
+        rows = base.execute(f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({chosen})")  # noqa: S608
+        for number, log_ns, data in rows:
+            yield Message(*about[number], int(log_ns), _plain(data), "cdr")
 
 
-def _messages(log: Log, bag: Any, wanted: Collection[str], encoding: str) -> Iterator[Message]:
-    log.topics |= {one.topic: one.msgtype for one in bag.connections}
-    chosen = [one for one in bag.connections if one.topic in wanted]
-    for about, log_ns, data in bag.messages(chosen) if chosen else ():
-        yield Message(about.topic, about.msgtype, log_ns, bytes(data), encoding)
-
-
-def _plain(data: bytes, path: Path) -> bytes:
+def _plain(data: bytes) -> bytes:
     """Decompress a message that begins as Zstandard; CDR begins with 00."""
-    return unpack("zstd", data, where=path) if data.startswith(ZSTD) else data
+    if not data.startswith(ZSTD):
+        return data
+    return bytes(library("zstandard").ZstdDecompressor().decompressobj().decompress(data))
 
 
-def _read_mcap(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
+def _read_mcap(path: Path, wanted: Collection[str], topics: Topics) -> Iterator[Message]:
     records, stream = library("mcap.records"), library("mcap.stream_reader")
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str, str]] = {}
     with path.open("rb") as file:
-        size = path.stat().st_size
-        for outer in stream.StreamReader(file, emit_chunks=True, record_size_limit=size).records:
-            inner = [outer]
-            if isinstance(outer, records.Chunk):
-                outer.data, outer.compression = unpack(outer.compression, outer.data, where=path), ""
-                if len(outer.data) != outer.uncompressed_size:
-                    raise ValueError(f"a chunk unpacks to {len(outer.data)} bytes, not {outer.uncompressed_size}")
-                inner = stream.breakup_chunk(outer, validate_crc=True)
-            for record in inner:
+        for outer in stream.StreamReader(file, emit_chunks=True, record_size_limit=None).records:
+            packed = isinstance(outer, records.Chunk)
+            for record in stream.breakup_chunk(outer, validate_crc=True) if packed else [outer]:
                 if isinstance(record, records.Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, records.Channel):
                     kind = schemas.get(record.schema_id, "")
                     channels[record.id] = record.topic, kind, record.message_encoding
-                    log.topics[record.topic] = kind
+                    topics[record.topic] = kind
                 elif isinstance(record, records.Message) and channels[record.channel_id][0] in wanted:
                     topic, kind, encoding = channels[record.channel_id]
-                    yield Message(topic, ros2_name(kind), record.log_time, _plain(record.data, path), encoding)
+                    yield Message(topic, ros2_name(kind), record.log_time, _plain(record.data), encoding)
 
 
 def ros2_name(kind: str) -> str:
@@ -177,8 +128,8 @@ def ros2_name(kind: str) -> str:
     return kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
 
 
-_READ: dict[str, Callable[[Log, Path, Collection[str]], Iterator[Message]]] = {
-    ".bag": _read_ros1,
-    ".db3": _read_sqlite,
-    ".mcap": _read_mcap,
+_READ: dict[bytes, Callable[[Path, Collection[str], Topics], Iterator[Message]]] = {
+    b"#ROSBAG V2": _read_ros1,
+    b"SQLite format 3\0": _read_sqlite,
+    b"\x89MCAP0\r\n": _read_mcap,
 }

@@ -1,23 +1,26 @@
-"""Decoder of ROS messages: pictures, wrenches, header clocks and static transforms."""
+"""Decoder of ROS messages: pictures, wrenches, header clocks and static transforms, within a child process."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, check_numbers, damage
+from tactilevision.files.child import Answer, Answers
+from tactilevision.files.opening import MAX_NAME, check_numbers, damage
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Floats
-from tactilevision.robots.logs import Log, Message, library
+from tactilevision.robots.logs import Message, Topics, library, messages, storage_files
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -59,6 +62,15 @@ class WrenchReading:
     torque_Nm: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Transform of a frame of reference: the quaternion (4,), dimensionless, with v_parent = R v_child."""
+
+    child: str
+    parent: str
+    quaternion: list[float]
+
+
 @cache
 def typestore(encoding: str) -> Any:
     """Return the message types of ROS 1 or 2."""
@@ -69,50 +81,88 @@ def typestore(encoding: str) -> Any:
     return store
 
 
-def decode_picture(message: Message, where: Path) -> Picture:
-    """Return a picture (H, W, 3) of grey levels as a file.
+# Read in a child process: an answer for each message, then the topics.
 
-    Raises InputError for another type, colours that are not read, and damaged bytes.
+
+def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple[str, Any]]:
+    """Yield a word of `wanted` and a Picture, WrenchReading or Turn for each message of its topic, in order.
+
+    The words are picture, wrench, tf and tf_static; None is no topic. `topics` are entered at the end, with their
+    types. Raises InputError for a log that is damaged or beyond the limits, and for a message of another type.
     """
+    words = {topic: word for word, topic in wanted.items() if topic is not None}
+    for word, *parts in Answers(answers, str(path), words, files=storage_files(path)):
+        if word == "topics":
+            topics |= dict(parts[0])
+            return
+        if word == "picture":
+            yield word, Picture(Stamp(*parts[:3]), parts[4].tobytes(), parts[3])
+        elif word == "wrench":
+            yield word, WrenchReading(Stamp(*parts[:3]), parts[3][:3], parts[3][3:])
+        else:
+            yield word, Turn(*parts)
+
+
+def answers(path: str, wanted: Mapping[str, str]) -> Iterator[Answer]:
+    """Yield the contents of messages for `read_log`; `wanted` are words by their topics."""
+    topics: Topics = {}
+    for message in messages(Path(path), wanted, topics):
+        word = wanted[message.topic]
+        for parts in _DECODE[word](message, f"{path}, {message.topic}"):
+            yield word, *parts
+    yield "topics", list(topics.items())
+
+
+def _decode_picture(message: Message, where: str) -> Iterator[Answer]:
+    """Yield a picture (H, W, 3) of grey levels as a file: raw ones become PNG, compressed ones are kept."""
     found = _decoded(message, (IMAGE, COMPRESSED), where)
-    stamp = _stamp(found, message)
-    if message.kind == COMPRESSED:
+    data, ending = b"", ".png"
+    if message.kind == IMAGE:
+        data = _png(found, where)
+    else:
         data = bytes(found.data)
         check_picture(data, where=where)
         ending = ".jpg" if data.startswith(b"\xff\xd8") else ".png" if data.startswith(b"\x89PNG") else ""
-        if not ending:
-            raise InputError(
-                "packed pictures are JPEG or PNG", where=f"{where}, {message.topic}", value=found.format
-            )
-        return Picture(stamp, data, ending)
-    return Picture(stamp, _png(found, f"{where}, {message.topic}"), ".png")
+    if not ending:
+        raise InputError("packed pictures are JPEG or PNG", where=where, value=found.format)
+    yield *_stamp(found, message, where), ending, data
 
 
-def decode_wrench(message: Message, where: Path) -> WrenchReading:
-    """Return a wrench. Raises InputError for another type, and for implausible numbers."""
+def _decode_wrench(message: Message, where: str) -> Iterator[Answer]:
     found = _decoded(message, (WRENCH,), where)
-    force, torque = (
-        np.array([part.x, part.y, part.z], float) for part in (found.wrench.force, found.wrench.torque)
-    )
-    for values in (force, torque):
-        check_numbers(values, what="a component of the wrench", where=f"{where}, {message.topic}")
-    return WrenchReading(_stamp(found, message), force, torque)
+    values = [getattr(part, axis) for part in (found.wrench.force, found.wrench.torque) for axis in "xyz"]
+    check_numbers(np.array(values, float), what="a component of the wrench", where=where)
+    yield *_stamp(found, message, where), np.array(values, float)
 
 
-def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:
-    place = f"{where}, {message.topic}"
+def _decode_turns(message: Message, where: str) -> Iterator[Answer]:
+    for one in _decoded(message, (TRANSFORMS,), where).transforms:
+        quaternion = [getattr(one.transform.rotation, axis) for axis in "xyzw"]
+        yield _short(one.child_frame_id, where), _short(one.header.frame_id, where), quaternion
+
+
+_DECODE = {"picture": _decode_picture, "wrench": _decode_wrench, "tf": _decode_turns, "tf_static": _decode_turns}
+
+
+def _decoded(message: Message, kinds: tuple[str, ...], where: str) -> Any:
     if message.kind not in kinds or message.encoding not in ("ros1", "cdr"):
         remedy = "Needed: " + " or ".join(kinds) + "."
-        raise InputError("the topic is of another type", where=place, value=message.kind, remedy=remedy)
+        raise InputError("the topic is of another type", where=where, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
     read = store.deserialize_ros1 if message.encoding == "ros1" else store.deserialize_cdr
-    with damage(place, what="a message is damaged", remedy="Copy the log again."):
+    with damage(where, what="a message is damaged", remedy="Copy the log again."):
         return read(message.data, message.kind)
 
 
-def _stamp(found: Any, message: Message) -> Stamp:
-    header = found.header
-    return Stamp(header.stamp.sec * 10**9 + header.stamp.nanosec, message.log_ns, str(header.frame_id))
+def _stamp(found: Any, message: Message, where: str) -> tuple[int, int, str]:
+    stamp = found.header.stamp
+    return stamp.sec * 10**9 + stamp.nanosec, message.log_ns, _short(found.header.frame_id, where)
+
+
+def _short(name: str, where: str) -> str:
+    if len(name) > MAX_NAME:
+        raise InputError(f"the name of a frame of reference is beyond {MAX_NAME} letters", where=where)
+    return name
 
 
 def _png(found: Any, where: str) -> bytes:
@@ -121,7 +171,6 @@ def _png(found: Any, where: str) -> bytes:
         remedy = "Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + "."
         raise InputError("colours of this encoding are not read", where=where, value=found.encoding, remedy=remedy)
     channels, blue_first = _COLOURS.get(found.encoding, (2, True))
-    check(found.width * found.height, "MAX_PIXELS", what="a picture's pixels", where=where)
     data = np.asarray(found.data, np.uint8)
     if found.step < channels * found.width or len(data) != found.step * found.height or not len(data):
         raise InputError(
@@ -200,7 +249,6 @@ def _time_ns(stamp: Stamp, clock: Clock) -> int:
 # Rotation between frames of reference by the transforms of a log: v_parent = R v_child, R of a unit quaternion.
 # Frames whose R changes within the log are moving joints; joints that stood still count as fixed.
 
-TOPICS = ("/tf", "/tf_static")
 FIXED_RAD = 2e-3  # a joint at rest is read to a tenth of a degree; this is less than a force's noise
 UNIT = 1e-3  # tolerance of a quaternion's length of 1, for quaternions of 32 bits
 
@@ -215,9 +263,9 @@ class _Tree:
         if known[0] != parent or (known[1].inv() * turn).magnitude() > FIXED_RAD:
             self.moving.add(child)
 
-    def way_up(self, frame: str) -> dict[str, Rotation]:
-        """Return the rotation of `frame` in each frame that it is fixed to, itself the first."""
-        ways = {frame: Rotation.identity()}
+    def way_up(self, frame: str, start: Rotation) -> dict[str, Rotation]:
+        """Return the rotation of `frame` in each frame that it is fixed to, itself the first with `start`."""
+        ways = {frame: start}
         while frame in self.parents and frame not in self.moving:
             turned, (frame, turn) = ways[frame], self.parents[frame]
             if frame in ways:
@@ -226,23 +274,20 @@ class _Tree:
         return ways
 
 
-def fixed_rotation(log: Log, of: str, into: str) -> Floats | None:
+def fixed_rotation(log: Path, of: str, into: str) -> Floats | None:
     """Return R (3, 3), dimensionless, with v_into = R v_of; None where the frames are not fixed to each other.
 
     Raises InputError for a quaternion that is not of unit length.
     """
+    from scipy.spatial.transform import Rotation  # which takes a while to load
+
     tree = _Tree()
-    for message in log.messages(TOPICS):
-        for one in _decoded(message, (TRANSFORMS,), log.path).transforms:
-            child, parent = (name.lstrip("/") for name in (one.child_frame_id, one.header.frame_id))
-            quaternion = np.array([getattr(one.transform.rotation, axis) for axis in "xyzw"], float)
-            if not abs(float(np.linalg.norm(quaternion)) - 1.0) < UNIT:
-                where = f"{log.path}, {message.topic}"
-                raise InputError(
-                    f"the transform of {child!r} is no rotation", where=where, value=quaternion.tolist()
-                )
-            tree.add(child, parent, Rotation.from_quat(quaternion))
-    # names of ROS 1 begin with a slash, those in transforms do not
-    theirs, ours = tree.way_up(of.lstrip("/")), tree.way_up(into.lstrip("/"))
+    for word, one in read_log(log, {}, tf="/tf", tf_static="/tf_static"):
+        if not abs(float(np.linalg.norm(one.quaternion)) - 1.0) < UNIT:
+            said = f"the transform of {one.child.lstrip('/')!r} is no rotation"
+            raise InputError(said, where=f"{log}, /{word}", value=one.quaternion)
+        # names of ROS 1 begin with a slash, those in transforms do not
+        tree.add(one.child.lstrip("/"), one.parent.lstrip("/"), Rotation.from_quat(one.quaternion))
+    theirs, ours = (tree.way_up(frame.lstrip("/"), Rotation.identity()) for frame in (of, into))
     shared = next((frame for frame in theirs if frame in ours), None)
     return None if shared is None else np.asarray((ours[shared].inv() * theirs[shared]).as_matrix())

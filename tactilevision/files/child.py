@@ -1,0 +1,279 @@
+"""Read containers of others (logs, data sets, videos) in a child process with limits, killed as a whole.
+
+A container of a few kilobytes may unpack to gigabytes, or state a calculation without end, and only the system
+can stop the library that reads it. The child has limits on memory, processor time and open files, and cannot write
+a file (setrlimit; macOS ignores the limit on memory, and Windows has only the limit on waiting). It answers with
+JSON and the bytes of arrays: nothing that it sends is executed.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.files.opening import MB, limit, open_regular
+
+if sys.platform != "win32":
+    import resource
+
+READ_MB_S = 50  # MB of a file that its reader passes at least, in a second of processor time without an answer
+UNPACKED_S = 10  # s of processor time for each MB of a file: long videos of a still scene need some three
+WAIT_S = 60  # s in which a child answers, even if other programs keep the processor
+OPEN_FILES = 64  # of a child
+PIPE_BYTES = 1 << 20  # of the pipe between the two: what Linux allows every user
+MAX_WORDS = 4 * MB  # bytes of an answer without its arrays: the topics of a log have some kilobytes
+SHARE = 3  # part of the child's memory that an answer's array may have: libraries hold it two or three times
+_FAULTS = {kind.__name__: kind for kind in (InputError, RecordingError)}
+_KINDS = re.compile(r"[<|][buif][1248]")  # of numbers in an array
+_SETTINGS = {  # of the libraries in a child
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,matroska,avi|protocol_whitelist;file",
+    "OPENCV_FFMPEG_THREADS": "4",
+}
+Answer = tuple[Any, ...]  # of None, truth values, numbers, text, arrays of numbers, and lists of the first four
+
+
+# The parent. A child that has come to an end waits for the next file, which saves its start.
+
+_waiting: list[_Child] = []
+
+
+class _Child:
+    """A process that runs `serve`, in a group of its own; it ends with this object."""
+
+    def __init__(self) -> None:
+        code = f"import sys; sys.path[:] = {sys.path!r}; from tactilevision.files.child import serve; serve()"
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            pipesize=PIPE_BYTES,
+            start_new_session=True,
+            env=os.environ | _SETTINGS,
+        )
+        self.kill = weakref.finalize(self, _kill, self.process, os.getpid())
+
+    def send(self, words: object) -> None:
+        """Send one order; a child that has ended takes none, and gives no answer."""
+        with suppress(BrokenPipeError):
+            self.process.stdin.write(json.dumps(words).encode() + b"\n")  # type: ignore[union-attr]
+            self.process.stdin.flush()  # type: ignore[union-attr]
+
+
+def _kill(process: subprocess.Popen[bytes], owner: int) -> None:
+    if owner != os.getpid():  # this process is a copy of the parent
+        return
+    if process.poll() is None:
+        with suppress(ProcessLookupError):
+            process.kill() if sys.platform == "win32" else os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    for pipe in (process.stdin, process.stdout):
+        with suppress(OSError):
+            pipe.close()  # type: ignore[union-attr]
+
+
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_waiting.clear)
+
+
+class Answers:
+    """Iterator over what `reader(*given)`, a generator function of a module, yields in a child process.
+
+    `given` are parts of JSON, a path as text the first. `files` are what it reads: their size on disk adds to the
+    child's memory and time. Raises InputError as the reader does, for what is no regular file, and where the child
+    ends at a limit (MAX_CHILD_MB, MAX_CHILD_SECONDS); an error is raised again by later calls.
+    """
+
+    def __init__(self, reader: Callable[..., Iterator[Answer]], *given: object, files: Sequence[Path]) -> None:
+        self.where, size = str(given[0]), sum(map(_size_MB, files))
+        self.memory_MB, seconds = limit("MAX_CHILD_MB") + size, limit("MAX_CHILD_SECONDS")
+        self._over: Exception | None = None
+        self._child = next((child for child in _waiting if child.process.poll() is None), None) or _Child()
+        _waiting.clear()
+        budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
+        self._child.send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Answer:
+        if self._over is not None:
+            raise self._over
+        try:
+            return self._next()
+        except (StopIteration, InputError) as over:
+            self._over = over
+            raise
+        except BaseException:  # interrupted: the rest of an answer is in the pipe
+            self.close()
+            raise
+
+    def ask(self, word: object) -> Answer:
+        """Return the answer to a word that the reader takes from `asked`."""
+        if self._over is None:
+            self._child.send({"asked": word})
+        return next(self)
+
+    def close(self) -> None:
+        """End the child."""
+        self._over = self._over or StopIteration()
+        self._child.kill()
+
+    def _next(self) -> Answer:
+        while True:
+            size = int.from_bytes(self._bytes(4), "little")
+            kind, *words = json.loads(self._bytes(size, MAX_WORDS))
+            if kind == "answer" and words:
+                return tuple(self._array(*one.values()) if isinstance(one, dict) else one for one in words)
+            if kind != "answer":
+                _waiting[:] = [self._child]
+                raise _FAULTS[kind](words[0], **dict(words[1])) if kind in _FAULTS else StopIteration
+
+    def _array(self, kind: str, shape: list[int]) -> Any:
+        if not _KINDS.fullmatch(kind):
+            raise self._ended()
+        most = self.memory_MB * MB / SHARE
+        return np.frombuffer(self._bytes(int(kind[2:]) * math.prod(shape), most), kind).reshape(shape)
+
+    def _bytes(self, size: int, most: float = math.inf) -> bytearray:
+        if not 0 <= size <= most:
+            raise self._ended()
+        found = bytearray(size)
+        if self._child.process.stdout.readinto(found) < size:  # type: ignore[union-attr]
+            raise self._ended()
+        return found
+
+    def _ended(self) -> InputError:
+        """Return the reason why the child has ended, or end it for an answer that is none."""
+        with suppress(subprocess.TimeoutExpired):
+            self._child.process.wait(1)
+        code = -(self._child.process.poll() or 0)
+        self.close()
+        if sys.platform != "win32" and code in (signal.SIGXCPU, signal.SIGALRM):
+            return _beyond("takes more time than a file of its size may", "MAX_CHILD_SECONDS", self.where)
+        return _beyond("is damaged, or needs too much memory", "MAX_CHILD_MB", self.where)
+
+
+def _size_MB(path: Path) -> float:
+    with open_regular(path, limit=None) as file:
+        about = os.fstat(file.fileno())
+    return min(about.st_size, 512 * getattr(about, "st_blocks", about.st_size)) / MB
+
+
+def _beyond(what: str, name: str, where: object) -> InputError:
+    remedy = f"Copy it again. If it is meant, set TACTILEVISION_{name} in the environment to a larger number."
+    return InputError(what, where=where, remedy=remedy)
+
+
+# The child.
+
+_orders: SimpleQueue[dict[str, Any]] = SimpleQueue()
+_budget = {"step_s": math.inf, "all_s": math.inf}  # s of processor time for an answer, and until the child ends
+
+
+def asked() -> Iterator[Any]:
+    """Yield what the parent asks a reader, without end."""
+    while True:
+        _wait(0)
+        order = _orders.get()
+        _wait(WAIT_S)
+        yield order["asked"]
+
+
+def serve() -> None:
+    """Answer the orders that come by the standard input, until it ends."""
+    out, null = os.fdopen(os.dup(1), "wb"), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)  # what libraries print is no answer
+    threading.Thread(target=_listen, daemon=True).start()
+    while True:
+        order = _orders.get()
+        if "reader" in order:  # else asked too late
+            _send(out, *_outcome(out, order))
+
+
+def _listen() -> None:
+    for line in sys.stdin.buffer:
+        _orders.put(json.loads(line))
+    os._exit(0)
+
+
+def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
+    """Send the answers of a reader, and return how it ended."""
+    module, name = order["reader"]
+    found: InputError | None = None
+    try:
+        _limit(order)
+        for answer in getattr(import_module(module), name)(*order["given"]):
+            _wait(0)
+            _send(out, "answer", *answer)
+            _wait(WAIT_S)
+    except InputError as fault:
+        found = fault
+        if isinstance(fault.__cause__, MemoryError):
+            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
+    except MemoryError:
+        found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
+    except Exception as fault:
+        found = InputError(f"is damaged: {type(fault).__name__}: {str(fault)[:160]}", where=order["given"][0])
+    _wait(0)
+    if found is None:
+        return ("end",)
+    value = found.value if isinstance(found.value, str | int | float | None) else str(found.value)
+    return type(found).__name__, found.what, {"where": found.where, "value": value, "remedy": found.remedy}
+
+
+def _send(out: BinaryIO, *words: object) -> None:
+    """Send one answer: the length of its JSON, the JSON, and the arrays, of which it holds kind and shape."""
+    words = tuple(np.frombuffer(one, np.uint8) if isinstance(one, bytes) else one for one in words)
+    arrays = [np.ascontiguousarray(one) for one in words if isinstance(one, np.ndarray)]
+    about = [{"kind": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
+    text = json.dumps(about).encode()
+    try:
+        for part in (len(text).to_bytes(4, "little"), text, *arrays):
+            out.write(part)
+        out.flush()
+    except BrokenPipeError:  # the parent has ended
+        os._exit(0)
+
+
+def _limit(order: dict[str, Any]) -> None:
+    """Set the limits of this process for one reader."""
+    _budget.update(step_s=order["step_s"], all_s=time.process_time() + order["all_s"])
+    if sys.platform != "win32":
+        most = {"DATA": int(order["MB"] * MB), "NOFILE": OPEN_FILES, "FSIZE": 0, "CORE": 0}
+        for name, value in most.items():
+            kind = getattr(resource, f"RLIMIT_{name}")
+            hard = resource.getrlimit(kind)[1]
+            resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+    _wait(WAIT_S)
+
+
+def _wait(seconds: int) -> None:
+    """Let this process end if it does not come here again within so many seconds (0: no limit)."""
+    if sys.platform == "win32":
+        faulthandler.dump_traceback_later(seconds, exit=True) if seconds else faulthandler.cancel_dump_traceback_later()
+        return
+    if seconds:
+        end_s = math.ceil(min(time.process_time() + _budget["step_s"], _budget["all_s"]))
+        resource.setrlimit(resource.RLIMIT_CPU, (end_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    signal.alarm(seconds)
