@@ -91,7 +91,12 @@ class Child:
         """
         size = int.from_bytes(self._bytes(4, 4, until_s), "little")
         words = json.loads(self._bytes(size, MAX_WORDS, until_s))
-        return [self._array(*one.values(), most, until_s) if isinstance(one, dict) else one for one in words]
+        return [
+            self._array(one["dtype"], one["shape"], most, until_s)
+            if isinstance(one, dict) and "dtype" in one
+            else one
+            for one in words
+        ]
 
     def _array(self, kind: str, shape: list[int], most: float, until_s: float) -> Any:
         if not _KINDS.fullmatch(kind):
@@ -273,7 +278,7 @@ def send(out: BinaryIO, *words: object) -> None:
     """Send one answer: the length of its JSON, the JSON, and the arrays, of which it holds kind and shape."""
     words = tuple(np.frombuffer(one, np.uint8) if isinstance(one, bytes) else one for one in words)
     arrays = [np.ascontiguousarray(one) for one in words if isinstance(one, np.ndarray)]
-    about = [{"kind": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
+    about = [{"dtype": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
     text = json.dumps(about).encode()
     try:
         for part in (len(text).to_bytes(4, "little"), text, *arrays):
