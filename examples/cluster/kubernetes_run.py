@@ -35,7 +35,7 @@ def main(recordings: str, out: str) -> int:
     with KubeCluster(custom_cluster_spec=specification()) as cluster:
         cluster.wait_for_workers(1)
         command = ["tactilevision", "depth", recordings, "--out", out, "--format", "zarr"]
-        return subprocess.run([*command, "--cluster", cluster.scheduler_address], check=False).returncode
+        return subprocess.run([*command, "--cluster", f"insecure:{cluster.scheduler_address}"], check=False).returncode
 
 
 if __name__ == "__main__":

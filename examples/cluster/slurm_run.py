@@ -27,7 +27,7 @@ def main(recordings: str, out: str) -> int:
     ) as cluster:
         cluster.scale(jobs=JOBS)
         command = ["tactilevision", "depth", recordings, "--out", out, "--format", "zarr"]
-        return subprocess.run([*command, "--cluster", cluster.scheduler_address], check=False).returncode
+        return subprocess.run([*command, "--cluster", f"insecure:{cluster.scheduler_address}"], check=False).returncode
 
 
 if __name__ == "__main__":

@@ -171,7 +171,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGINT", 130), ("SIGKILL", -9)])
+@pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGKILL", -9)])
 def test_a_stubborn_effect_does_not_keep_the_command_from_ending(tmp_path: Path, number: str, code: int) -> None:
     file, pid = tmp_path / "mine.py", tmp_path / "pid"
     file.write_text(STUBBORN.replace("PID", repr(str(pid))))
