@@ -1,9 +1,9 @@
 """Read containers of others (logs, data sets, videos) in a child process with limits, killed as a whole.
 
 A container of a few kilobytes may unpack to gigabytes, or state a calculation without end, and only the system
-can stop the library that reads it. The child has limits on memory, processor time and open files, and cannot write
-a file (setrlimit; macOS ignores the limit on memory, and Windows has only the limit on waiting). It answers with
-JSON and the bytes of arrays: nothing that it sends is executed.
+can stop the library that reads it. The child has limits on memory, processor time and open files, and none of its
+files may have a byte (setrlimit; macOS ignores the limit on memory, and Windows has only the limit on waiting). It
+answers with JSON and the bytes of arrays: nothing that it sends is executed.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sys
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -37,6 +38,7 @@ if sys.platform != "win32":
 
 READ_MB_S = 50  # MB of a file that its reader passes at least, in a second of processor time without an answer
 UNPACKED_S = 10  # s of processor time for each MB of a file: long videos of a still scene need some three
+ANSWER_S = 2e-4  # s of the parent's own work for an answer, which counts as the child's
 WAIT_S = 60  # s in which a child answers, even if other programs keep the processor
 OPEN_FILES = 64  # of a child
 PIPE_BYTES = 1 << 20  # of the pipe between the two: what Linux allows every user
@@ -48,7 +50,7 @@ _SETTINGS = {  # of the libraries in a child
     "ARROW_DEFAULT_MEMORY_POOL": "system",
     "OPENBLAS_NUM_THREADS": "1",
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,matroska,avi|protocol_whitelist;file",
-    "OPENCV_FFMPEG_THREADS": "4",
+    "OPENCV_FFMPEG_THREADS": str(min(os.cpu_count() or 1, 4)),
 }
 Answer = tuple[Any, ...]  # of None, truth values, numbers, text, arrays of numbers, and lists of the first four
 
@@ -119,8 +121,13 @@ class Child:
         return found
 
 
+def _reading() -> Child:
+    return Child(__name__, settings=_SETTINGS, stderr=subprocess.DEVNULL)
+
+
 def _kill(process: subprocess.Popen[bytes], owner: int) -> None:
     if owner != os.getpid():  # this process is a copy of the parent
+        process.returncode = 0
         return
     if process.poll() is None:
         with suppress(ProcessLookupError):
@@ -147,9 +154,9 @@ class Answers:
         self.where, size = str(given[0]), sum(map(_size_MB, files))
         self.memory_MB, seconds = limit("MAX_CHILD_MB") + size, limit("MAX_CHILD_SECONDS")
         self._over: Exception | None = None
-        self._child = next((child for child in _waiting if child.process.poll() is None), None) or Child(
-            __name__, settings=_SETTINGS, stderr=subprocess.DEVNULL
-        )
+        self._pending: deque[object] = deque()  # asked, and not yet answered
+        waiting = [one for one in _waiting if one.process.poll() is None]
+        self._child: Child | None = waiting[0] if waiting else _reading()
         _waiting.clear()
         budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
         self._send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
@@ -169,21 +176,30 @@ class Answers:
             self.close()
             raise
 
-    def ask(self, word: object) -> Answer:
-        """Return the answer to a word that the reader takes from `asked`."""
-        if self._over is None:
-            self._send({"asked": word})
-        return next(self)
+    def ask(self, word: object, *later: object) -> Answer:
+        """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
+        for one in (word, *later):
+            if self._child is not None and one not in self._pending:
+                self._send({"asked": one})
+                self._pending.append(one)
+        while True:
+            answer = next(self)
+            if self._pending.popleft() == word:
+                return answer
 
     def close(self) -> None:
         """End the child."""
         self._over = self._over or StopIteration()
-        self._child.kill()
+        if self._child is not None:
+            self._child.kill()
+            self._child = None
 
     def _send(self, order: dict[str, Any]) -> None:
+        assert self._child is not None
         self._child.send(json.dumps(order).encode() + b"\n")
 
     def _next(self) -> Answer:
+        assert self._child is not None
         while True:
             try:
                 kind, *words = self._child.receive(self.memory_MB * MB / SHARE)
@@ -192,11 +208,12 @@ class Answers:
             if kind == "answer" and words:
                 return tuple(words)
             if kind != "answer":
-                _waiting[:] = [self._child]
+                _waiting[:], self._child = [self._child], None
                 raise _FAULTS[kind](words[0], **dict(words[1])) if kind in _FAULTS else StopIteration
 
     def _ended(self) -> InputError:
         """Return the reason why the child has ended, or end it for an answer that is none."""
+        assert self._child is not None
         with suppress(subprocess.TimeoutExpired):
             self._child.process.wait(1)
         code = -(self._child.process.poll() or 0)
@@ -259,14 +276,11 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
             _wait(0)
             send(out, "answer", *answer)
             _wait(WAIT_S)
-    except InputError as fault:
-        found = fault
-        if isinstance(fault.__cause__, MemoryError):
-            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
-    except MemoryError:
-        found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", order["given"][0])
     except Exception as fault:
-        found = InputError(f"is damaged: {type(fault).__name__}: {str(fault)[:160]}", where=order["given"][0])
+        where, said = order["given"][0], f"is damaged: {type(fault).__name__}: {str(fault)[:160]}"
+        found = fault if isinstance(fault, InputError) else InputError(said, where=where, remedy="Copy it again.")
+        if isinstance(fault, MemoryError) or isinstance(fault.__cause__, MemoryError):
+            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", where)
     _wait(0)
     if found is None:
         return ("end",)
@@ -281,8 +295,9 @@ def send(out: BinaryIO, *words: object) -> None:
     about = [{"dtype": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
     text = json.dumps(about).encode()
     try:
-        for part in (len(text).to_bytes(4, "little"), text, *arrays):
-            out.write(part)
+        out.write(len(text).to_bytes(4, "little") + text)
+        for array in arrays:
+            out.write(array.data)
         out.flush()
     except BrokenPipeError:  # the parent has ended
         os._exit(0)
@@ -303,11 +318,12 @@ def _limit(order: dict[str, Any]) -> None:
 def _wait(seconds: int) -> None:
     """Let this process end if it does not come here again within so many seconds (0: no limit)."""
     if sys.platform == "win32":
-        faulthandler.dump_traceback_later(
-            seconds, exit=True
-        ) if seconds else faulthandler.cancel_dump_traceback_later()
+        faulthandler.cancel_dump_traceback_later()
+        if seconds:
+            faulthandler.dump_traceback_later(seconds, exit=True)
         return
     if seconds:
+        _budget["all_s"] -= ANSWER_S
         end_s = math.ceil(min(time.process_time() + _budget["step_s"], _budget["all_s"]))
         resource.setrlimit(resource.RLIMIT_CPU, (end_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
     signal.alarm(seconds)

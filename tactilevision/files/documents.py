@@ -8,6 +8,7 @@ import json
 import math
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,11 @@ from typing import Any
 from tactilevision.errors import InputError
 from tactilevision.files.opening import MB, check, limit, read_bytes
 
-_STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
+_STRINGS = re.compile(  # and comments of TOML; one that is not closed ends with its line or the text: no way back
+    r'''"""(?:\\.|[^\\"]|"(?!""))*+(?:""")?|"(?:\\.|[^"\\\n])*+"?|#[^\n]*+|'''
+    r"""'''(?:[^']|'(?!''))*+(?:''')?|'[^'\n]*+'?""",
+    re.S,
+)
 
 
 def read_text(path: Path | str) -> str:
@@ -77,7 +82,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the table, each key once: a repeated key is ambiguous."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
+        (twice, _), *_ = Counter(key for key, _ in pairs).most_common(1)
         raise ValueError(f"the key {twice[:40]!r} occurs twice")
     return table
 

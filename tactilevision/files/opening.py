@@ -29,7 +29,7 @@ MAX_DEPTH = 64  # of brackets within brackets, and of the dotted parts of a key;
 MAX_DIGITS = 300  # of one number: 1e308 is the largest that there is
 MAX_NUMBER = 1_000_000_000_000  # of any number in mm, N, s, MPa or px; a time in s since 1970 has ten digits
 MAX_CHILD_MB = 500  # besides its size, of memory for the reader of a log, a data set or a video
-MAX_CHILD_SECONDS = 5  # of processor time for one answer of such a reader, and besides its size for all
+MAX_CHILD_SECONDS = 3  # of processor time for one answer of such a reader, and besides its size for all
 MAX_EFFECT_SECONDS = 10  # of one call of a private effect; those of the catalogue take milliseconds
 
 

@@ -177,8 +177,8 @@ def is_cut(data: bytes) -> bool:
 def _jpeg(data: bytes) -> tuple[int, int] | None:
     place = 2
     while place + 9 < len(data):
-        if data[place] != 0xFF:  # stray bytes, which decoders skip
-            place += 1
+        if data[place] != _MARK:  # stray bytes, which decoders skip
+            place = data.index(_MARK, place)
             continue
         marker = data[place + 1]
         if marker in _FRAME_STARTS:

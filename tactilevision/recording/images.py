@@ -187,10 +187,13 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 # Frames of one video file by their index. Seeking is inexact at a varying frame rate, so frames are counted from
-# the start of the file, in a child process. It is kept for the next call, so that successive windows cost one pass.
+# the start of the file, in a child process, which is kept: successive windows cost one pass.
 
-_CONTAINER = re.compile(rb"....(ftyp|moov|mdat|free|skip|wide)|RIFF....AVI |\x1aE\xdf\xa3", re.S)  # MP4, AVI, Matroska
+_CONTAINER = re.compile(
+    rb"....(ftyp|moov|mdat|free|skip|wide)|RIFF....AVI |\x1aE\xdf\xa3", re.S
+)  # MP4, AVI, Matroska
 _END = 1 << 62  # index beyond the last frame of any video
+_AHEAD = 4  # frames asked for at a time
 _REPORTED = 32  # frames that are passed in one answer
 _Key = tuple[Path, int, int, int]
 _kept: dict[_Key, Answers] = {}  # one at most
@@ -200,8 +203,8 @@ _lock = Lock()
 def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
     """Yield (index, rgb) for rising `indices`; rgb is None if the video ends before, or cannot be decoded."""
     with _film(path) as film:
-        for index in indices:
-            _, _, picture = film.ask(index)
+        for number, index in enumerate(indices):
+            _, _, picture = film.ask(*indices[number : number + _AHEAD])
             yield index, None if picture is None else rgb_of(picture, path)
 
 
@@ -237,7 +240,7 @@ def film_frames(path: str) -> Iterator[Answer]:
     """Yield, in a child process, for each index asked for: frames stated, frames counted so far, BGR picture."""
     capture, count, going = _open(path), 0, True
     for index in asked():
-        if 0 <= index < count - 1:  # before the one at hand
+        if 0 <= index < count - 1:  # before the last one read
             capture, count, going = _open(path), 0, True
         while going and count <= index:
             going = capture.grab()
@@ -246,9 +249,6 @@ def film_frames(path: str) -> Iterator[Answer]:
                 yield ()
         picture = capture.retrieve()[1] if index == count - 1 else None
         yield max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0), count, picture
-        if going and index >= 0:  # ahead, while the parent is at work
-            going = capture.grab()
-            count += going
 
 
 def _open(path: str) -> cv2.VideoCapture:

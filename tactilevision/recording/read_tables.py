@@ -265,9 +265,10 @@ def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Ce
 def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
     """Read curves.csv: one Curve for each label, in the order of their first rows."""
     table = read_table(path, layout.CURVE_COLUMNS, least_rows=2)
-    phases = np.array(table.words.get("phase", [""] * len(table.lines)))
-    for row in np.flatnonzero(~np.isin(phases, ("", *layout.PHASES))).tolist():
-        raise table.fault(row, f"phase is one of {', '.join(layout.PHASES)}, or empty", value=str(phases[row]))
+    words = table.words.get("phase", [""] * len(table.lines))
+    for row in (row for row, word in enumerate(words) if word not in ("", *layout.PHASES)):
+        raise table.fault(row, f"phase is one of {', '.join(layout.PHASES)}, or empty", value=words[row])
+    phases = np.array(words)
     rows_of: dict[str, list[int]] = {}
     for place, label in enumerate(table.words["press"]):
         rows_of.setdefault(label, []).append(place)
@@ -341,4 +342,4 @@ def _point(table: Table, row: int) -> CertifiedPoint:
 
 
 def _extra(table: Table, row: int) -> dict[str, Any]:
-    return {name: column[row].item() for name, column in table.extra.items()}
+    return {name: column[row : row + 1].tolist()[0] for name, column in table.extra.items()}

@@ -207,7 +207,7 @@ def _guess(cells: list[str]) -> npt.NDArray[Any]:
     try:
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:
-        return np.array(cells)
+        return np.array(cells, np.dtypes.StringDType())  # not as wide as the longest
 
 
 def _misspelt(path: Path, header: Iterable[str], columns: Columns) -> tuple[str, ...]:

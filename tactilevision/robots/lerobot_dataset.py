@@ -24,6 +24,8 @@ AGAIN = "Download it again."
 ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
 INTEGER = "whole numbers"
 NUMBER = "numbers"
+_BYTES = {"binary", "large_binary"}  # types of Arrow
+_NUMERIC = (INTEGER, NUMBER)
 PICTURE = "pictures (structs with bytes)"
 ANY = "numbers, text or bytes, or lists or structs of them"
 
@@ -51,25 +53,27 @@ def parts(path: Path, columns: Mapping[str, str] | None = None) -> Iterator[Any]
 def batches(path: str, columns: Mapping[str, str] | None) -> Iterator[Answer]:
     """Yield, in a child process, rows as streams of Arrow; a part without rows is the first."""
     arrow = library("pyarrow")
-    with damage(path, remedy=AGAIN), library("pyarrow.parquet").ParquetFile(path, buffer_size=MB) as file:
+    with library("pyarrow.parquet").ParquetFile(path, buffer_size=MB) as file:
         schema = file.schema_arrow.remove_metadata()
         if columns is not None:
             missing = [name for name in columns if schema.get_field_index(name) < 0]
             if missing:
                 raise InputError("a column is missing, or occurs twice", where=path, value=missing[0])
             schema = arrow.schema([schema.field(name) for name in columns])
+        kinds = dict.fromkeys(schema.names, ANY) if columns is None else columns
         for field in schema:
-            kind = ANY if columns is None else columns[field.name]
-            if not _holds(field.type, kind):
-                raise InputError(f"column {field.name} does not hold {kind}", where=path, value=str(field.type)[:80])
+            if not _holds(field.type, kinds[field.name]):
+                what = f"column {field.name} does not hold {kinds[field.name]}"
+                raise InputError(what, where=path, value=str(field.type)[:80])
         first = [arrow.RecordBatch.from_pylist([], schema)]
-        for batch in chain(first, file.iter_batches(batch_size=ROWS, columns=schema.names, use_threads=False)):
-            empty = [name for name in columns or () if batch.column(name).null_count and columns[name] != PICTURE]
+        names = None if columns is None else list(columns)
+        for batch in chain(first, file.iter_batches(batch_size=ROWS, columns=names, use_threads=False)):
+            empty = [name for name, kind in kinds.items() if kind in _NUMERIC and batch.column(name).null_count]
             if empty:
                 raise InputError(f"column {empty[0]} has an empty cell", where=path)
             sink = arrow.BufferOutputStream()
             with arrow.ipc.new_stream(sink, schema) as stream:
-                stream.write_batch(batch)
+                stream.write_batch(batch if names is None else batch.select(names))
             yield (np.frombuffer(sink.getvalue(), np.uint8),)
 
 
@@ -77,13 +81,14 @@ def _holds(kind: Any, wanted: str) -> bool:
     """Return whether a column of this type of Arrow holds what is wanted."""
     types = library("pyarrow.types")
     if wanted == PICTURE:
-        known = types.is_struct(kind) and kind.get_field_index("bytes") >= 0
-        return known and (types.is_binary(data := kind.field("bytes").type) or types.is_large_binary(data))
-    if wanted in (INTEGER, NUMBER):
-        return types.is_integer(kind) or (wanted == NUMBER and types.is_floating(kind))
+        return bool(types.is_struct(kind)) and {str(one.type) for one in kind if one.name == "bytes"} <= _BYTES
+    if wanted in _NUMERIC:
+        return bool(types.is_integer(kind) or (wanted == NUMBER and types.is_floating(kind)))
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind) or types.is_struct(kind):
         return all(_holds(kind.field(number).type, ANY) for number in range(kind.num_fields))
-    named = "null boolean integer floating decimal temporal string large_string binary large_binary fixed_size_binary"
+    named = (
+        "null boolean integer floating decimal temporal string large_string binary large_binary fixed_size_binary"
+    )
     return any(getattr(types, f"is_{name}")(kind) for name in named.split())
 
 
@@ -275,11 +280,6 @@ def _name(place: Place) -> str:
 
 def video_frames(path: str) -> Iterator[Answer]:
     """Yield times, s, and pictures (H, W, 3), grey levels, of a video, in a child process."""
-    whitelist = {"protocol_whitelist": "file"}
-    with damage(path, remedy=AGAIN), library("av").open(path, format="mp4", options=whitelist) as box:
-        if not box.streams.video:
-            raise InputError("the file holds no video", where=path)
-        for frame in box.decode(box.streams.video[0]):
-            if frame.time is None:
-                raise InputError("a picture of the video has no time", where=path)
+    with library("av").open(path, format="mp4", options={"protocol_whitelist": "file"}) as box:
+        for frame in box.decode(video=0):
             yield float(frame.time), frame.to_ndarray(format="rgb24")

@@ -165,9 +165,7 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
     seconds, not_taken = float(np.ptp(frame_s)), _not_taken(topics, {settings.frames, settings.wrench})
-    return Imported(
-        len(names), len(readings), seconds, stamps[0].frame_id, turned, largest_N, guessed, not_taken
-    )
+    return Imported(len(names), len(readings), seconds, stamps[0].frame_id, turned, largest_N, guessed, not_taken)
 
 
 def the_picture_topic(path: Path | str) -> str:
@@ -218,7 +216,9 @@ def _not_taken(topics: Topics, taken: set[str | None]) -> tuple[str, ...]:
     said = []
     for option in dict.fromkeys(OPTIONS.values()):
         takes = {name: kind for name, kind in rest.items() if OPTIONS.get(kind) == option}
-        said += [f"the log also has {_listed(takes)}; {option} takes {'one' if len(takes) > 1 else 'it'}"] * bool(takes)
+        said += [f"the log also has {_listed(takes)}; {option} takes {'one' if len(takes) > 1 else 'it'}"] * bool(
+            takes
+        )
     others = {name: kind for name, kind in rest.items() if kind not in (*OPTIONS, TRANSFORMS)}
     said += [f"the log also has {_listed(others)}; no option takes these"] * bool(others)
     return tuple(said)

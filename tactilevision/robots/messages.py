@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.files.child import Answer, Answers
-from tactilevision.files.opening import MAX_NAME, check_numbers, damage
+from tactilevision.files.opening import MAX_NAME, check_numbers
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Floats
 from tactilevision.robots.logs import Message, Topics, library, messages, storage_files
@@ -94,8 +94,7 @@ def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple
     for word, *parts in Answers(answers, str(path), words, files=storage_files(path)):
         if word == "topics":
             topics |= dict(parts[0])
-            return
-        if word == "picture":
+        elif word == "picture":
             yield word, Picture(Stamp(*parts[:3]), parts[4].tobytes(), parts[3])
         elif word == "wrench":
             yield word, WrenchReading(Stamp(*parts[:3]), parts[3][:3], parts[3][3:])
@@ -150,8 +149,7 @@ def _decoded(message: Message, kinds: tuple[str, ...], where: str) -> Any:
         raise InputError("the topic is of another type", where=where, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
     read = store.deserialize_ros1 if message.encoding == "ros1" else store.deserialize_cdr
-    with damage(where, what="a message is damaged", remedy="Copy the log again."):
-        return read(message.data, message.kind)
+    return read(message.data, message.kind)
 
 
 def _stamp(found: Any, message: Message, where: str) -> tuple[int, int, str]:

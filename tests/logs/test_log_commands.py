@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_logs import Draw, Drawn, drawer, image, pictures, time_ns
+from drawn_logs import Draw, Drawn, drawer, image, pictures, time_ns, transform
 from rosbags.highlevel import AnyReader
 
 from tactilevision.cli import main
@@ -22,6 +22,7 @@ from tactilevision.recording.folder import read_folder
 from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import HeightMap
 from tactilevision.robots.log_export import open_writer, wrench_message
+from tactilevision.robots.messages import typestore
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import saved
@@ -131,6 +132,28 @@ def test_the_only_topic_of_pictures_is_taken_and_several_are_listed(
         put("/ft", wrench_message(np.zeros(3), np.zeros(3), time_ns=1, frame_id="a", encoding=kind), 1)
     assert run("import", force, "--out", tmp_path / "rec3") == 2
     assert "no topic of pictures. It has: /ft (geometry_msgs/msg/WrenchStamped)." in capsys.readouterr().err
+
+
+def test_what_was_not_taken_is_listed_with_its_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log.mcap"
+    with open_writer(path) as (put, kind):
+        for number, rgb in enumerate(pictures(2)):
+            at_ns = time_ns(number)
+            for topic in ("/left", "/right", "/top"):
+                put(topic, image(rgb, at_ns=at_ns, drawn=Drawn(), kind=kind), at_ns)
+            wrench = wrench_message(np.zeros(3), np.zeros(3), time_ns=at_ns, frame_id="tool", encoding=kind)
+            put("/ft", wrench, at_ns)
+            put("/joint", typestore(kind).types["std_msgs/msg/Float64"](1.0), at_ns)
+            put("/tf_static", transform("a", "b", (0.0, 0.0, 0.0, 1.0), kind=kind), at_ns)
+    assert run("import", path, "--frames", "/top", "--out", tmp_path / "rec") == 0
+    pictures_of = "(sensor_msgs/msg/Image)"
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        f"the log also has /left {pictures_of}, /right {pictures_of}; --frames takes one",
+        "the log also has /ft (geometry_msgs/msg/WrenchStamped); --wrench takes it",
+        "the log also has /joint (std_msgs/msg/Float64); no option takes these",
+    ]
+    assert run("import", path, "--frames", "/top", "--wrench", "/ft", "--out", tmp_path / "rec2") == 0
+    assert "--wrench" not in capsys.readouterr().out
 
 
 def test_the_scale_of_a_kind_that_is_named_is_guessed_and_one_of_another_shape_refused(

@@ -18,8 +18,7 @@ from tactilevision.recording.read import read_recording
 from tactilevision.recording.read_tables import read_frame_table
 from tactilevision.robots.log_export import _header, open_writer
 from tactilevision.robots.log_import import ImportSettings, import_log
-from tactilevision.robots.logs import Log
-from tactilevision.robots.messages import COMPRESSED, IMAGE, Clock, typestore
+from tactilevision.robots.messages import COMPRESSED, IMAGE, Clock, read_log, typestore
 
 BOTH = ImportSettings("/camera", "/ft", sensor="gelsight_mini", mm_per_px=0.03)
 FRAMES_ALONE = ImportSettings("/camera", sensor="gelsight_mini", mm_per_px=0.03)
@@ -132,35 +131,21 @@ def test_every_cut_and_every_flipped_byte_is_told_or_harmless(draw: Draw, tmp_pa
     assert not [said for said in told if "\n" in said]
 
 
-def test_a_part_that_unpacks_beyond_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import bz2
-
-    import lz4.frame
-    import zstandard
-
-    from tactilevision.robots.logs import unpack
-
-    monkeypatch.setenv("TACTILEVISION_MAX_ARRAY_MB", "1")
-    small, large = bytes(1000), bytes(5_000_000)
-    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}
-    for kind, pack in packers.items():
-        assert unpack(kind, pack(small), where="log") == small
-        with pytest.raises(InputError, match="MAX_ARRAY_MB"):
-            unpack(kind, pack(large), where="log")
-        with pytest.raises(InputError, match="damaged"):
-            unpack(kind, pack(small)[:-6], where="log")
-    with pytest.raises(InputError, match="packed in a way"):
-        unpack("xz", b"", where="log")
-
-
 def test_what_is_no_log_is_told(tmp_path: Path) -> None:
+    (tmp_path / "text.bag").write_text("a text")
+    with pytest.raises(InputError, match="by its first bytes"):
+        list(read_log(tmp_path / "text.bag", {}))
+    (tmp_path / "text.bag").unlink()
     with pytest.raises(InputError, match="no such log"):
-        list(Log(tmp_path / "none.bag").messages({"/a"}))
+        list(read_log(tmp_path / "none.bag", {}))
     with pytest.raises(InputError, match="no log that is read"):
-        list(Log(tmp_path).messages({"/a"}))
-    (tmp_path / "log_0.db3.zstd").write_bytes(b"")
+        list(read_log(tmp_path, {}))
+    (tmp_path / "log_0.db3").symlink_to(__file__)
+    with pytest.raises(InputError, match="leads out of its folder"):
+        list(read_log(tmp_path, {}))
+    (tmp_path / "log_0.db3").rename(tmp_path / "log_0.db3.zstd")
     with pytest.raises(InputError, match="packed"):
-        list(Log(tmp_path).messages({"/a"}))
+        list(read_log(tmp_path, {}))
 
 
 @pytest.mark.parametrize("way", ["BZ2", "LZ4"])

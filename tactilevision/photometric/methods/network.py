@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -32,6 +33,11 @@ _ALLOWED = (
     "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
 )
 OPERATORS = frozenset(_ALLOWED.split())
+_MESSAGES = (  # of ONNX, of which a network is made
+    "ModelProto OperatorSetIdProto StringStringEntryProto GraphProto NodeProto AttributeProto TensorProto "
+    "ValueInfoProto TypeProto Tensor TensorShapeProto Dimension"
+)
+_PARTS = frozenset(_MESSAGES.split())
 MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
 
 
@@ -39,7 +45,7 @@ MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; our
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     """Return an onnxruntime session of the network in a file's `content`, on one core, cached by process.
 
-    Raises InputError where its hash is not `sha256`, it is no network, or it has operators not in OPERATORS.
+    Raises InputError where its hash is not `sha256`, it is no network, or it holds more than OPERATORS.
     """
     import onnxruntime
 
@@ -47,34 +53,55 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
         raise InputError(
             "the network does not match its card", where=where, remedy="Copy both files together, or train again."
         )
-    _check_operators(content, where)
+    checked = _checked(content, where)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
     with damage(where, what="the network cannot be read"):
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(checked, options, providers=["CPUExecutionProvider"])
 
 
-def _check_operators(content: bytes, where: Path) -> None:
+def _checked(content: bytes, where: Path) -> bytes:
+    """Return the network as far as its format is known here. Raises InputError as `open_bytes` does."""
     import onnx
 
     with damage(where, what="the network cannot be read"):
         model = onnx.load_from_string(content)
-        graph, largest = model.graph, _largest_step(model)
-    strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
-    if strange:
+        model.DiscardUnknownFields()
+        checked, parts = model.SerializeToString(), list(_parts(model))
+    nodes = [part for part in parts if part.DESCRIPTOR.name == "NodeProto"]
+    strange = sorted({str(node.op_type) for node in nodes} - OPERATORS)
+    foreign = {str(part.domain) for part in parts if part.DESCRIPTOR.name in ("NodeProto", "OperatorSetIdProto")}
+    if strange or foreign - {"", "ai.onnx"}:
         raise InputError(
             "the network has operators that are not supported",
             where=where,
-            value=", ".join(strange)[:200],
+            value=", ".join((*strange, *sorted(foreign - {"", "ai.onnx"})))[:200],
             remedy="Use convolutions and element-wise functions only.",
         )
+    held = sorted({part.DESCRIPTOR.name for part in parts} - _PARTS)
+    graphs = sum(part.DESCRIPTOR.name == "GraphProto" for part in parts)
+    if held or graphs > 1:
+        what = "the network holds functions, graphs within steps, training or sparse weights"
+        raise InputError(what, where=where, value=", ".join(held) or f"{graphs} graphs")
+    if any(part.data_location or part.external_data for part in parts if part.DESCRIPTOR.name == "TensorProto"):
+        raise InputError("the network stores weights in other files", where=where)
+    with damage(where, what="the network cannot be read"):
+        largest = _largest_step(model)
     if largest > MAX_STEP:
         raise InputError(
             f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
         )
-    if any(tensor.data_location for tensor in graph.initializer):
-        raise InputError("the network stores weights in other files", where=where)
+    return bytes(checked)
+
+
+def _parts(message: Any) -> Iterator[Any]:
+    """Yield a message of protobuf and all within it."""
+    yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in [value] if hasattr(value, "ListFields") else value:
+                yield from _parts(part)
 
 
 def _largest_step(model: Any) -> float:
