@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calibration.effects import EFFECTS
-from calibration.effects.private_process import ABOUT, LOAD, RECORDS, Kept, given_parts
+from calibration.effects.private_process import LOAD, RECORDS, Kept
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect, EffectBase, Parameter, Stage
 from tactilevision.errors import InputError, OutputError
@@ -125,15 +125,17 @@ def restored(said: Any, arrays: list[Any], *, given: tuple[Any, ...], make: Any)
         return tuple(map(again, said))
     if not isinstance(said, dict):
         return said
-    if "given" in said:
-        return list(given_parts(given))[said["given"]]
     if "array" in said:
         return arrays[said["array"]]
     if "effect" in said:
-        return make(
-            said["effect"], said["kind"], {k: again(said["about"][k]) for k in ABOUT if k in said["about"]}
-        )
-    return RECORDS[said["record"]](**{name: again(value) for name, value in said["fields"].items()})
+        return make(said["effect"], said["kind"], {name: again(value) for name, value in said["about"].items()})
+    if said["same"] is not None:
+        return given[said["same"]]
+    parts = {
+        name: getattr(given[part["given"]], name) if isinstance(part, dict) and "given" in part else again(part)
+        for name, part in said["fields"].items()
+    }
+    return RECORDS[said["record"]](**parts)
 
 
 class PrivateEffect(EffectBase):
@@ -153,17 +155,10 @@ class PrivateEffect(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         return self._parameters
 
-    def __eq__(self, other: object) -> bool:
-        alike = type(other) is PrivateEffect and other._process is self._process
-        return alike and self._stated() == other._stated()  # type: ignore[attr-defined]
-
-    __hash__ = EffectBase.__hash__
+    __eq__, __hash__ = object.__eq__, object.__hash__  # statements may hide what differs
 
     def __reduce__(self) -> Any:
         raise pickle.PicklingError("an effect of a user's file stays in this process")
-
-    def _stated(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_origin", "_number")}
 
     def number(self) -> int:
         """Return its number in the process, where it is made again if that was started again."""

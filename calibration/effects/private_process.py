@@ -14,7 +14,7 @@ import os
 import pickle
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from queue import SimpleQueue
@@ -44,30 +44,12 @@ class Kept(NamedTuple):
     part: str = ""
 
 
-def given_parts(given: Iterable[Any]) -> Iterator[Any]:
-    """Yield Observations among arguments, and their parts, in an order that both processes share."""
-    for one in given:
-        if type(one) is Observations:
-            yield one
-            yield from _parts(one)
-
-
-def _parts(record: Any) -> Iterator[Any]:
-    for part in (getattr(record, field.name) for field in fields(record)):
-        if isinstance(part, np.ndarray | tuple):
-            yield part
-        elif type(part) in RECORDS.values():
-            yield part
-            yield from _parts(part)
-
-
-def plain(value: Any, parts: list[Any], *, given: Mapping[int, int], made: list[Effect]) -> Any:
+def plain(value: Any, parts: list[Any], *, given: Sequence[Any], made: list[Effect]) -> Any:
     """Return a value as JSON; its arrays are added to `parts`, and effects to `made`.
 
-    What is `given` (numbers by id) is named by its number. Raises TypeError for any other kind of value.
+    Observations that were `given`, and parts of them, are named by their numbers and names. Raises TypeError for
+    any other kind of value.
     """
-    if id(value) in given:
-        return {"given": given[id(value)]}
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -88,8 +70,14 @@ def plain(value: Any, parts: list[Any], *, given: Mapping[int, int], made: list[
     name = type(value).__name__
     if RECORDS.get(name) is not type(value):
         raise TypeError(f"an effect cannot return {name}")
-    said = {f.name: plain(getattr(value, f.name), parts, given=given, made=made) for f in fields(value)}
-    return {"record": name, "fields": said}
+    alike = [k for k, one in enumerate(given) if type(one) is type(value) is Observations]
+    said = {}
+    for field in fields(value):
+        part = getattr(value, field.name)
+        at = next((k for k in alike if getattr(given[k], field.name) is part), None)
+        said[field.name] = {"given": at} if at is not None else plain(part, parts, given=given, made=made)
+    same = next((k for k in alike if given[k] is value), None)
+    return {"record": name, "fields": said, "same": same}
 
 
 # The process.
@@ -115,7 +103,7 @@ def serve() -> None:
                 for name, one in stated.items()
             }
             known[place] = Observations(**named)
-            for one in _parts(known[place]):
+            for one in named.values():
                 if isinstance(one, np.ndarray):
                     one.setflags(write=False)
         given: list[Any] = [known[one.number] if type(one) is Kept else one for one in sent]
@@ -123,9 +111,7 @@ def serve() -> None:
         try:
             np.seterr(**errors)
             found = _load(Path(*given)) if method == LOAD else getattr(made[number], method)(*given)
-            whole = type(found) is Observations  # only then worth the search
-            there = {id(one): k for k, one in enumerate(given_parts(given))} if whole else {}
-            words = ["found", plain(found, parts, given=there, made=made)]
+            words = ["found", plain(found, parts, given=given, made=made)]
         except InputError as fault:
             value = fault.value if isinstance(fault.value, str | int | float | None) else str(fault.value)
             words = ["InputError", [fault.what, {"where": fault.where, "value": value, "remedy": fault.remedy}]]

@@ -231,7 +231,7 @@ def test_the_template_is_an_effect_that_finds_its_planted_value(tmp_path: Path) 
 def test_files_that_are_no_effect_are_named(tmp_path: Path, text: str | None, why: str) -> None:
     if text is not None:
         (tmp_path / "bad.py").write_text(text)
-    with pytest.raises(InputError, match="ended its process"):
+    with pytest.raises(InputError, match=why):
         load_effect(tmp_path / "bad.py")
 
 
