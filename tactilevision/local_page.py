@@ -279,7 +279,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.server.answering(self.connection, True)
         self.close_connection = True
-        with suppress(OSError, ValueError):  # it ended, or sent what the page does not understand
+        with suppress(Exception):  # it ended, or sent what the page does not understand
             self.server.page.converse(Link(self._received, self.wfile.write))
 
     def _received(self) -> bytes | None:

@@ -92,7 +92,10 @@ class Child:
         (time.monotonic; not on Windows).
         """
         size = int.from_bytes(self._bytes(4, 4, until_s), "little")
-        words = json.loads(self._bytes(size, MAX_WORDS, until_s))
+        try:
+            words = list(json.loads(self._bytes(size, MAX_WORDS, until_s)))
+        except ValueError:
+            raise EOFError from None
         return [
             self._array(one["dtype"], one["shape"], most, until_s)
             if isinstance(one, dict) and "dtype" in one

@@ -93,7 +93,7 @@ def same(here: Any, there: Any) -> None:
         for one, other in zip(here, there, strict=True):
             same(one, other)
     elif isinstance(here, EffectBase):
-        for name in ("key", "title", "stage", "seen_in", "largest", "check", "order", "start_values", "parameters"):
+        for name in ("key", "title", "stage", "seen_in", "largest", "order", "start_values", "parameters"):
             same(getattr(here, name), getattr(there, name))
     elif is_dataclass(here):
         for part in fields(here):
@@ -131,8 +131,8 @@ def test_an_effect_in_its_process_gives_the_same_numbers_as_in_this_one(
     same(here, there)
     rng = np.random.default_rng(3)
     for one, other in ((here, there), (here.freed(), there.freed()), (here.richer(), there.richer())):
-        if one is None:
-            assert other is None
+        assert (one is None) == (other is None)
+        if one is None or other is None:
             continue
         for name in ("parameters_on", "missing", "unfit", "starts", "absent", "to_be_expected", "supposed"):
             same(getattr(one, name)(data), getattr(other, name)(data))
@@ -161,7 +161,10 @@ while True:
 """
 
 
-@pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), pytest.param("SIGKILL", -9, marks=pytest.mark.slow)])
+KILLED = pytest.param("SIGKILL", -9, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), KILLED])
 def test_a_stubborn_effect_does_not_keep_the_command_from_ending(tmp_path: Path, number: str, code: int) -> None:
     file, pid = tmp_path / "mine.py", tmp_path / "pid"
     file.write_text(STUBBORN.replace("PID", repr(str(pid))))
@@ -183,7 +186,7 @@ def test_an_effect_that_ends_its_process_is_named_and_may_be_called_again(tmp_pa
     file = tmp_path / "mine.py"
     new_effect(file, "my_effect")
     text = file.read_text().replace(
-        "        share =", f"        if values[0] > 0.4:\n            os._exit(3)\n        share ="
+        "        share =", "        if values[0] > 0.4:\n            os._exit(3)\n        share ="
     )
     file.write_text(text.replace("import annotations\n", "import annotations\nimport os\n"))
     effect, data = load_effect(file), presses(4)

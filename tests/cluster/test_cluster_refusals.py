@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -89,7 +90,7 @@ def test_a_cluster_is_reached_over_tls_by_who_has_the_certificates(tmp_path: Pat
         free.bind(("127.0.0.1", 0))
         address = f"tls://127.0.0.1:{free.getsockname()[1]}"
     with (tmp_path / "log").open("wb") as log:
-        given = {"env": os.environ | settings, "stdout": log, "stderr": log, "cwd": tmp_path}
+        given: dict[str, Any] = {"env": os.environ | settings, "stdout": log, "stderr": log, "cwd": tmp_path}
         words = ["--host", address.rpartition(":")[0], "--port", address.rpartition(":")[2], "--no-dashboard"]
         scheduler = subprocess.Popen([sys.executable, "-m", "dask", "scheduler", *words], **given)
         ends = ["--nthreads", "1", "--no-dashboard", "--no-nanny", "--death-timeout", "60"]

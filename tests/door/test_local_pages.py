@@ -24,6 +24,7 @@ from tactilevision import local_page
 from tactilevision.local_page import Answer, LocalPage
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
 from tactilevision.robots.camera import Shot
 from tactilevision.robots.live import LiveResult, Stream
 from tactilevision.robots.preview import Foxglove, Preview, Streamed
@@ -91,7 +92,7 @@ def malformed(page: LocalPage) -> dict[str, bytes]:
     }
 
 
-@each("what", list(malformed(type("Any", (), {"token": "", "hosts": ("",)})())))  # type: ignore[arg-type]
+@each("what", list(malformed(type("Any", (), {"token": "", "hosts": ("",)})())))
 def test_what_cannot_be_parsed_is_answered_by_400(
     page: Plain, what: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,9 +204,14 @@ def test_many_viewers_cost_the_camera_one_drawing(
 ) -> None:
     from tactilevision.robots import preview
 
-    drawn = []
+    drawn: list[int] = []
+
+    def drawing(rgb: Bytes, *_: object, **__: object) -> Bytes:
+        drawn.append(1)
+        return rgb
+
     monkeypatch.setattr(preview, "EVERY_S", 60)
-    monkeypatch.setattr(preview, "draw", lambda *given, **_: drawn.append(1) or given[0])
+    monkeypatch.setattr(preview, "draw", drawing)
     with Preview(seen[0], 0) as page:
         page.show(seen[1], 60.0)
         viewers = [threading.Thread(target=get, args=(page, "frame.jpg")) for _ in range(8)]
@@ -291,7 +297,9 @@ def test_foxgloves_websocket_sends_what_its_own_server_would(seen: tuple[Any, Li
             server.stop()
 
 
-def test_foxgloves_websocket_is_opened_by_foxglove_with_the_token_alone(seen: tuple[Any, LiveResult]) -> None:
+def test_foxgloves_websocket_is_opened_by_foxglove_with_the_token_alone(
+    seen: tuple[Any, LiveResult], capfd: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("foxglove")
     with Foxglove(seen[0], serve=True) as outlet:
         assert outlet.page is not None
@@ -326,8 +334,21 @@ def test_foxgloves_websocket_is_opened_by_foxglove_with_the_token_alone(seen: tu
                 pass
             broken.link.close()
             broken.file.close()
+        for text in (
+            "{",
+            "[]",
+            '{"op": "subscribe", "subscriptions": 5}',
+            '{"op": "subscribe", "subscriptions": [{}]}',
+        ):
+            broken = Socket(port, path)
+            broken.say(text.encode())
+            while broken.file.read(1):
+                pass
+            broken.link.close()
+            broken.file.close()
         deaf.link.close()
         deaf.file.close()
+    assert "Traceback" not in capfd.readouterr().err
 
 
 SERVERS = {"http.server", "socketserver", "xmlrpc.server", "wsgiref", "websockets", "aiohttp", "flask", "tornado"}
