@@ -34,6 +34,7 @@ from tactilevision.errors import InputError, RecordingError
 from tactilevision.files.opening import MB, limit, open_regular
 
 if sys.platform != "win32":
+    import fcntl
     import resource
 
 READ_MB_S = 50  # MB of a file that its reader passes at least, in a second of processor time without an answer
@@ -48,7 +49,7 @@ _FAULTS = {kind.__name__: kind for kind in (InputError, RecordingError)}
 _KINDS = re.compile(r"[<|][buif][1248]")  # of numbers in an array
 _SETTINGS = {  # of the libraries in a child
     "ARROW_DEFAULT_MEMORY_POOL": "system",
-    "OPENBLAS_NUM_THREADS": "1",
+    **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"),
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,matroska,avi|protocol_whitelist;file",
     "OPENCV_FFMPEG_THREADS": str(min(os.cpu_count() or 1, 4)),
 }
@@ -70,13 +71,13 @@ class Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=stderr,
-            pipesize=PIPE_BYTES,
             start_new_session=True,
             env=os.environ | settings,
         )
         self._out: Any = self.process.stdout.raw  # type: ignore[union-attr]
-        if sys.platform != "win32":
+        with suppress(OSError, NameError, AttributeError):  # on another system, or where a user has many pipes
             os.set_blocking(self._out.fileno(), False)
+            fcntl.fcntl(self._out, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self.kill = weakref.finalize(self, _kill, self.process, os.getpid())
 
     def send(self, order: bytes) -> None:

@@ -93,11 +93,6 @@ def open_regular(path: Path | str, *, limit: str | None = "MAX_FILE_MB") -> Bina
         raise
 
 
-def check_regular(path: Path | str) -> None:
-    """Check a file, as `open_regular` does, that another library will open by its name."""
-    open_regular(path).close()
-
-
 def read_bytes(path: Path | str, *, limit: str = "MAX_FILE_MB") -> bytes:
     """Read all of a regular file. Raises as `open_regular` does."""
     with open_regular(path, limit=limit) as file:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.documents import parse_json
-from tactilevision.files.opening import check, check_numbers, check_regular, damage, number
+from tactilevision.files.opening import check, check_numbers, damage, number, open_regular
 from tactilevision.files.writing import replacing
 from tactilevision.records.maps import HeightMap, add
 from tactilevision.records.measured import Pair
@@ -47,7 +47,7 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
 
     path = Path(path)
     with damage(path, what="cannot be read as a depth TIFF", remedy=""):
-        check_regular(path)
+        open_regular(path).close()
         with tifffile.TiffFile(path) as file:
             pixels = math.prod(file.series[0].shape) if file.series else 0
             check(pixels, "MAX_PIXELS", what="its pixels", where=path)

@@ -97,6 +97,7 @@ def _holds(kind: Any, wanted: str) -> bool:
 INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
 VERSION = "v3."
 Place = tuple[int, int]  # numbers of chunk and file
+EPISODE_BYTES = 16  # of an episode's row at least; its statistics alone take some hundred
 MAX_OFF = 0.1  # of the time between two frames, between a picture's time and its row's
 _INDEX = {"episode_index": INTEGER, "frame_index": INTEGER, "timestamp": NUMBER}
 _NUMBERS = dict.fromkeys(("episode_index", "length", "data/chunk_index", "data/file_index"), INTEGER)
@@ -260,9 +261,13 @@ def episode_files(root: Path) -> list[str]:
 
 def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
     names = _NUMBERS | {f"videos/{camera}/{part}": kind for part, kind in _VIDEO.items() if is_video}
-    found = []
+    found: list[Episode] = []
+    size = 0
     for name in episode_files(root):
-        for batch in parts(place_in(root, name), names):
+        size += (path := place_in(root, name)).stat().st_size
+        for batch in parts(path, names):
+            if len(found) > size / EPISODE_BYTES:
+                raise InputError("states more episodes than its size can hold", where=path, value=len(found))
             for row in zip(*(batch.column(key).to_pylist() for key in names), strict=True):
                 number, length, chunk, file, *video = row
                 at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)

@@ -201,6 +201,19 @@ def table_of_gigabytes(path: Path) -> None:
     pq.write_table(table.append_column("task", every), path, compression="zstd", store_schema=False)
 
 
+def table_of_episodes(path: Path, camera: str, count: int = 1_000_000) -> None:
+    """A Parquet table of episodes in order, each of half a byte."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    zeros, video = np.zeros(count, np.int64), f"videos/{camera}"
+    columns = {"episode_index": np.arange(count), "length": zeros + 1, f"{video}/from_timestamp": zeros}
+    for name in ("data", video):
+        columns |= {f"{name}/chunk_index": zeros, f"{name}/file_index": zeros}
+    delta = {"episode_index": "DELTA_BINARY_PACKED"}
+    pq.write_table(pa.table(columns), path, compression="zstd", use_dictionary=False, column_encoding=delta)
+
+
 def film_of_samples(path: Path, count: int, *, size: int) -> None:
     """An MP4 of five frames whose tables state another number, of one size (0: as before)."""
     import cv2

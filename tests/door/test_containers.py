@@ -86,6 +86,13 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path: Path, bounded: N
         list(parts(path))
 
 
+def test_a_table_of_more_episodes_than_it_can_hold_is_refused(tmp_path: Path) -> None:
+    root = Path(shutil.copytree(FIXTURE, tmp_path / "set"))
+    hostile.table_of_episodes(root / "meta/episodes/chunk-000/file-000.parquet", TACTILE)
+    with pytest.raises(InputError, match="more episodes than its size can hold"):
+        read_dataset(root, TACTILE)
+
+
 SOME: dict[str, pa.Array] = {
     "bool": pa.array([True] * 10),
     "float16": pa.array(np.arange(10, dtype=np.float16)),

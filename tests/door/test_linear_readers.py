@@ -45,6 +45,7 @@ TOML: dict[str, Callable[[int], str]] = {
 JSON: dict[str, Callable[[int], str]] = {
     "one key": lambda n: "{" + ",".join(['"k": 1'] * n) + "}",
     "keys": lambda n: "{" + ",".join(f'"k{k}": 1' for k in range(n)) + "}",
+    "the last key again": lambda n: "{" + "".join(f'"k{k}": 1,' for k in range(n)) + f'"k{n - 1}": 1}}',
     "tables": lambda n: '{"a": [' + ",".join(['{"k": 1}'] * n) + "]}",
     "one key in tables": lambda n: '{"a": [' + ",".join(['{"k": 1, "k": 2}'] * n) + "]}",
     "open text": lambda n: '{"a": "' + '\\"' * n,

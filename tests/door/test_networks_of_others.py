@@ -110,7 +110,7 @@ def opened(model: Any) -> Any:
 def test_what_is_no_step_and_no_weight_is_refused(spoil: Callable[[Any], None]) -> None:
     model = onnx.load(MODEL)
     spoil(model)
-    with pytest.raises(InputError, match=r"a.onnx: the network (has operators|holds|stores weights)"):
+    with pytest.raises(InputError, match=r"a\.onnx: the network holds more than supported operators"):
         opened(model)
 
 

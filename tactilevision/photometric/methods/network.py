@@ -69,30 +69,33 @@ def _checked(content: bytes, where: Path) -> bytes:
         model = onnx.load_from_string(content)
         model.DiscardUnknownFields()
         checked, parts = model.SerializeToString(), list(_parts(model))
-    nodes = [part for part in parts if part.DESCRIPTOR.name == "NodeProto"]
-    strange = sorted({str(node.op_type) for node in nodes} - OPERATORS)
-    foreign = {str(part.domain) for part in parts if part.DESCRIPTOR.name in ("NodeProto", "OperatorSetIdProto")}
-    if strange or foreign - {"", "ai.onnx"}:
+        found = set().union(*map(_unsupported, parts))
+        largest = 0.0 if found else _largest_step(model)
+    if found or sum(part.DESCRIPTOR.name == "GraphProto" for part in parts) > 1:
         raise InputError(
-            "the network has operators that are not supported",
+            "the network holds more than supported operators and their weights",
             where=where,
-            value=", ".join((*strange, *sorted(foreign - {"", "ai.onnx"})))[:200],
+            value=", ".join(sorted(found))[:200] or "a graph within a step",
             remedy="Use convolutions and element-wise functions only.",
         )
-    held = sorted({part.DESCRIPTOR.name for part in parts} - _PARTS)
-    graphs = sum(part.DESCRIPTOR.name == "GraphProto" for part in parts)
-    if held or graphs > 1:
-        what = "the network holds functions, graphs within steps, training or sparse weights"
-        raise InputError(what, where=where, value=", ".join(held) or f"{graphs} graphs")
-    if any(part.data_location or part.external_data for part in parts if part.DESCRIPTOR.name == "TensorProto"):
-        raise InputError("the network stores weights in other files", where=where)
-    with damage(where, what="the network cannot be read"):
-        largest = _largest_step(model)
     if largest > MAX_STEP:
         raise InputError(
             f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
         )
     return bytes(checked)
+
+
+def _unsupported(part: Any) -> set[str]:
+    """Return names of what a message of ONNX holds besides steps of OPERATORS and weights."""
+    kind = str(part.DESCRIPTOR.name)
+    found = {kind} - _PARTS
+    if kind == "NodeProto":
+        found |= {str(part.op_type)} - OPERATORS
+    if kind in ("NodeProto", "OperatorSetIdProto"):
+        found |= {str(part.domain)} - {"", "ai.onnx"}
+    if kind == "TensorProto" and (part.data_location or part.external_data):
+        found.add("weights in other files")
+    return found
 
 
 def _parts(message: Any) -> Iterator[Any]:
