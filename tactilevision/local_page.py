@@ -36,6 +36,8 @@ MAX_BODY = 65536  # bytes of a request; an action has less than a thousand
 TIMEOUT_S = 10  # s that a browser may take to send a request, or to take an answer
 MAX_OPEN = 32  # connections at a time; a browser opens six
 MAX_DIGITS = 9  # of a request's length
+LINGER_S = 0.2  # s that the rest of a refused request may pause
+LINGER_PARTS = 4  # of a refused request are read at most
 STREAM_S = 0.01  # s between two messages of a websocket at least
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -155,7 +157,12 @@ class _Listener(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
+        """Close a connection after what has come, for else the system may drop the answer."""
+        self.answering(request, False)
+        with suppress(OSError):  # it has ended, or sends nothing
+            request.shutdown(socket.SHUT_WR)
+            request.settimeout(LINGER_S)
+            any(not request.recv(MAX_BODY) for _ in range(LINGER_PARTS))
         with self._lock:
             self._answering.pop(request, None)
         super().shutdown_request(request)
