@@ -21,7 +21,7 @@ from tactilevision.errors import InputError, TactilevisionError
 
 MB = 10**6  # bytes in a megabyte
 MAX_PIXELS = 50_000_000  # of one picture: 8192 x 6144
-MAX_ARRAY_MB = 2_000  # unpacked, of one .npy or .npz file
+MAX_ARRAY_MB = 500  # unpacked, of one .npy or .npz file: as a child process may have
 MAX_FILE_MB = 4_000  # of one picture, table or array on disk
 MAX_TEXT_MB = 64  # of one TOML or JSON file; calibrations have less than one
 MAX_COLUMNS = 2_000  # of a table; recordings have some tens
