@@ -17,4 +17,4 @@ dask scheduler --scheduler-file "$address" --no-dashboard &
 srun dask worker --scheduler-file "$address" --nthreads 1 --no-dashboard --death-timeout 300 &
 until [ -s "$address" ]; do sleep 1; done
 
-tactilevision depth "$recordings" --out "$out" --format zarr --cluster "$address"
+tactilevision depth "$recordings" --out "$out" --format zarr --cluster "insecure:$address"

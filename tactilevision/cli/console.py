@@ -47,7 +47,7 @@ ClusterOption = Annotated[
         "--cluster",
         metavar="ADDRESS",
         callback=_reached,
-        help="A Dask cluster: tcp://HOST:PORT, or its scheduler file.",
+        help="A Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
     ),
 ]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one a core.")]

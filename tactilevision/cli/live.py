@@ -139,6 +139,8 @@ def _shows(
         found.append(page.show)
     if foxglove or mcap is not None:
         outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
+        if outlet.page is not None:
+            console.say(f"foxglove: {outlet.page.address}")
         found.append(outlet.show)
     return found
 

@@ -1,8 +1,13 @@
-"""Connect to a running Dask scheduler, and require equal package versions on all machines."""
+"""Connect to a running Dask scheduler, and require equal package versions on all machines.
+
+Who reaches the scheduler may run any program on all its machines and on this one: Dask sends pickles both ways. So
+another machine is reached over TLS only, unless the address begins with INSECURE.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -42,17 +47,22 @@ ANSWER_S = 20  # s until a silent scheduler counts as absent
 LATE_S = 1  # s more, for what answers but is not a scheduler
 WORKER_S = 60  # s to wait for a first worker
 WHERE = "--cluster"
+INSECURE = "insecure:"  # before an address or file: plain TCP to another machine is meant
+ENCRYPTED = ("tls", "wss")  # schemes of addresses that are encrypted and authenticated
 
 
 def address_of(where: str) -> str:
-    """Return the scheduler's address: `where` itself, or the content of the scheduler's file of that name."""
+    """Return the scheduler's address: `where` itself, or the content of the scheduler's file of that name.
+
+    A scheduler's file is as powerful as a program: it decides whose code runs here.
+    """
     path = Path(where)
     if "://" in where or not (path.suffix or path.exists()):
         return where
     try:
         address = read_json(path).get("address")
     except OSError as fault:
-        remedy = "Give tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
+        remedy = "Give tls://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
         raise ClusterError("there is no such scheduler file", where=WHERE, value=where, remedy=remedy) from fault
     if not isinstance(address, str):
         raise ClusterError(
@@ -69,15 +79,18 @@ def open_client(where: str) -> Any:
         remedy = "pip install 'tactilevision[cluster]', or omit --cluster."
         what = "a cluster needs dask.distributed, which is not installed"
         raise ClusterError(what, where=WHERE, remedy=remedy) from fault
-    address = address_of(where)
+    address = address_of(where.removeprefix(INSECURE))
     try:
-        _check_form(address)
+        _check_form(address, plain=where.startswith(INSECURE))
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except ClusterError:
         raise
     except (OSError, ValueError) as fault:
         remedy = "Start one with `dask scheduler`, or omit --cluster. Its dashboard has another port."
         raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
+    except TypeError as fault:  # of distributed, for a TLS that has no certificates
+        remedy = "Name certificates in Dask's configuration (distributed.comm.tls)."
+        raise ClusterError("TLS is not configured here", where=WHERE, value=address, remedy=remedy) from fault
     try:
         _check(client, address)
     except BaseException:
@@ -86,21 +99,29 @@ def open_client(where: str) -> Any:
     return client
 
 
-def _check_form(address: str) -> None:
-    """Check an address: Dask itself waits long for a host that cannot exist. Other schemes are not checked."""
+def _check_form(address: str, *, plain: bool) -> None:
+    """Check an address, for Dask waits long for a host that cannot exist, and its encryption unless `plain`."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
-    if scheme not in ("", "tcp", "tls"):
+    if scheme == "inproc":
         return
     if not host or not port.isdecimal():
-        remedy = "Give tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
+        remedy = "Give tls://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
         raise ClusterError("this is not a scheduler's address", where=WHERE, value=address, remedy=remedy)
     try:
-        socket.getaddrinfo(host.strip("[]"), int(port))
+        found = socket.getaddrinfo(host.strip("[]"), int(port))
     except (OSError, UnicodeError, OverflowError) as fault:
         remedy = "Check its name, or give the number of its address."
         raise ClusterError("no machine of that name is known", where=WHERE, value=host, remedy=remedy) from fault
-    if scheme != "tls":
+    hosts = {str(one[4][0]).partition("%")[0] for one in found}
+    if scheme not in ENCRYPTED and not plain and not all(ipaddress.ip_address(one).is_loopback for one in hosts):
+        raise ClusterError(
+            "another machine is reached without encryption, and who reads along may run programs on all machines",
+            where=WHERE,
+            value=address,
+            remedy=f"Use tls://. Where all users of the network are trusted, give {INSECURE}{address}.",
+        )
+    if scheme in ("", "tcp"):
         with ThreadPoolExecutor(1) as aside:  # a notebook's main thread has a running loop
             aside.submit(lambda: asyncio.run(_greet(address))).result()
 

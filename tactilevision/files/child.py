@@ -20,9 +20,10 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
+from multiprocessing.connection import wait
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, BinaryIO, Self
@@ -57,31 +58,75 @@ Answer = tuple[Any, ...]  # of None, truth values, numbers, text, arrays of numb
 
 # The parent. A child that has come to an end waits for the next file, which saves its start.
 
-_waiting: list[_Child] = []
+_waiting: list[Child] = []
 
 
-class _Child:
-    """A process that runs `serve`, in a group of its own; it ends with this object."""
+class Child:
+    """A process that runs `serve` of a module, in a group of its own; it ends with this object."""
 
-    def __init__(self) -> None:
-        code = f"import sys; sys.path[:] = {sys.path!r}; from tactilevision.files.child import serve; serve()"
+    def __init__(self, module: str, *, settings: Mapping[str, str], stderr: int | None = None) -> None:
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {module} import serve; serve()"
         self.process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=stderr,
             start_new_session=True,
-            env=os.environ | _SETTINGS,
+            env=os.environ | settings,
         )
+        self._out: Any = self.process.stdout.raw  # type: ignore[union-attr]
         with suppress(OSError, NameError, AttributeError):  # on another system, or where a user has many pipes
-            fcntl.fcntl(self.process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)  # type: ignore[arg-type]
+            os.set_blocking(self._out.fileno(), False)
+            fcntl.fcntl(self._out, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self.kill = weakref.finalize(self, _kill, self.process, os.getpid())
 
-    def send(self, words: object) -> None:
+    def send(self, order: bytes) -> None:
         """Send one order; a child that has ended takes none, and gives no answer."""
         with suppress(BrokenPipeError):
-            self.process.stdin.write(json.dumps(words).encode() + b"\n")  # type: ignore[union-attr]
+            self.process.stdin.write(order)  # type: ignore[union-attr]
             self.process.stdin.flush()  # type: ignore[union-attr]
+
+    def receive(self, most: float = math.inf, *, until_s: float = math.inf) -> list[Any]:
+        """Return what `send` sent in the child, arrays of at most so many bytes.
+
+        Raises EOFError where the child has ended or sends something else, TimeoutError at `until_s`
+        (time.monotonic; not on Windows).
+        """
+        size = int.from_bytes(self._bytes(4, 4, until_s), "little")
+        try:
+            words = list(json.loads(self._bytes(size, MAX_WORDS, until_s)))
+        except ValueError:
+            raise EOFError from None
+        return [
+            self._array(one["dtype"], one["shape"], most, until_s)
+            if isinstance(one, dict) and "dtype" in one
+            else one
+            for one in words
+        ]
+
+    def _array(self, kind: str, shape: list[int], most: float, until_s: float) -> Any:
+        if not _KINDS.fullmatch(kind):
+            raise EOFError
+        return np.frombuffer(self._bytes(int(kind[2:]) * math.prod(shape), most, until_s), kind).reshape(shape)
+
+    def _bytes(self, size: int, most: float, until_s: float) -> bytearray:
+        if not 0 <= size <= most:
+            raise EOFError
+        found, done = bytearray(size), 0
+        while done < size:
+            read = self._out.readinto(memoryview(found)[done:])
+            if read == 0:
+                raise EOFError
+            if read is None and not wait(
+                [self._out], None if until_s == math.inf else max(0.0, until_s - time.monotonic())
+            ):
+                raise TimeoutError
+            done += read or 0
+        return found
+
+
+def _reading() -> Child:
+    return Child(__name__, settings=_SETTINGS, stderr=subprocess.DEVNULL)
 
 
 def _kill(process: subprocess.Popen[bytes], owner: int) -> None:
@@ -115,10 +160,10 @@ class Answers:
         self._over: Exception | None = None
         self._pending: deque[object] = deque()  # asked, and not yet answered
         waiting = [one for one in _waiting if one.process.poll() is None]
-        self._child: _Child | None = waiting[0] if waiting else _Child()
+        self._child: Child | None = waiting[0] if waiting else _reading()
         _waiting.clear()
         budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
-        self._child.send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
+        self._send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
 
     def __iter__(self) -> Self:
         return self
@@ -139,7 +184,7 @@ class Answers:
         """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
         for one in (word, *later):
             if self._child is not None and one not in self._pending:
-                self._child.send({"asked": one})
+                self._send({"asked": one})
                 self._pending.append(one)
         while True:
             answer = next(self)
@@ -153,29 +198,22 @@ class Answers:
             self._child.kill()
             self._child = None
 
+    def _send(self, order: dict[str, Any]) -> None:
+        assert self._child is not None
+        self._child.send(json.dumps(order).encode() + b"\n")
+
     def _next(self) -> Answer:
+        assert self._child is not None
         while True:
-            size = int.from_bytes(self._bytes(4), "little")
-            kind, *words = json.loads(self._bytes(size, MAX_WORDS))
+            try:
+                kind, *words = self._child.receive(self.memory_MB * MB / SHARE)
+            except EOFError:
+                raise self._ended() from None
             if kind == "answer" and words:
-                return tuple(self._array(*one.values()) if isinstance(one, dict) else one for one in words)
+                return tuple(words)
             if kind != "answer":
-                _waiting[:], self._child = [self._child], None  # type: ignore[list-item]
+                _waiting[:], self._child = [self._child], None
                 raise _FAULTS[kind](words[0], **dict(words[1])) if kind in _FAULTS else StopIteration
-
-    def _array(self, kind: str, shape: list[int]) -> Any:
-        if not _KINDS.fullmatch(kind):
-            raise self._ended()
-        most = self.memory_MB * MB / SHARE
-        return np.frombuffer(self._bytes(int(kind[2:]) * math.prod(shape), most), kind).reshape(shape)
-
-    def _bytes(self, size: int, most: float = math.inf) -> bytearray:
-        if not 0 <= size <= most:
-            raise self._ended()
-        found = bytearray(size)
-        if self._child.process.stdout.readinto(found) < size:  # type: ignore[union-attr]
-            raise self._ended()
-        return found
 
     def _ended(self) -> InputError:
         """Return the reason why the child has ended, or end it for an answer that is none."""
@@ -223,7 +261,7 @@ def serve() -> None:
     while True:
         order = _orders.get()
         if "reader" in order:  # else asked too late
-            _send(out, *_outcome(out, order))
+            send(out, *_outcome(out, order))
 
 
 def _listen() -> None:
@@ -240,7 +278,7 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
         _limit(order)
         for answer in getattr(import_module(module), name)(*order["given"]):
             _wait(0)
-            _send(out, "answer", *answer)
+            send(out, "answer", *answer)
             _wait(WAIT_S)
     except Exception as fault:
         where, said = order["given"][0], f"is damaged: {type(fault).__name__}: {str(fault)[:160]}"
@@ -254,11 +292,11 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
     return type(found).__name__, found.what, {"where": found.where, "value": value, "remedy": found.remedy}
 
 
-def _send(out: BinaryIO, *words: object) -> None:
+def send(out: BinaryIO, *words: object) -> None:
     """Send one answer: the length of its JSON, the JSON, and the arrays, of which it holds kind and shape."""
     words = tuple(np.frombuffer(one, np.uint8) if isinstance(one, bytes) else one for one in words)
     arrays = [np.ascontiguousarray(one) for one in words if isinstance(one, np.ndarray)]
-    about = [{"kind": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
+    about = [{"dtype": one.dtype.str, "shape": one.shape} if isinstance(one, np.ndarray) else one for one in words]
     text = json.dumps(about).encode()
     try:
         out.write(len(text).to_bytes(4, "little") + text)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import math
+import re
+import struct
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -14,10 +18,11 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from tactilevision.errors import InputError, OutputError, library
+from tactilevision.errors import OutputError, library
+from tactilevision.files.documents import parse_json
 from tactilevision.files.writing import replacing
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.local_page import Answer, LocalPage
+from tactilevision.local_page import TEXT, Answer, Link, LocalPage
 from tactilevision.records.constants import MILLI
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.robots.live import LiveResult
@@ -31,6 +36,7 @@ QUALITY = 85  # of the JPEGs
 INK = (32, 32, 32)  # grey levels of the text
 PAPER = (250, 250, 250)  # grey levels below the text
 WAIT_S = 10  # s that a request waits for the first frame
+EVERY_S = 0.05  # s between two drawings, however many look on: the camera has priority
 UNKNOWN = (150, 150, 150)  # grey levels where no depth is known
 FILES = {
     "": Answer(
@@ -93,7 +99,8 @@ class Preview(LocalPage):
         super().__init__(FILES, port=port, option="--preview")
         self.reconstructor = reconstructor
         self._newest: tuple[LiveResult, float] | None = None
-        self._came = threading.Event()
+        self._came, self._drawing = threading.Event(), threading.Lock()
+        self._drawn, self._drawn_s = Answer("image/jpeg", b""), -math.inf
 
     def show(self, result: LiveResult, rate_Hz: float) -> None:
         """Show the newest result."""
@@ -101,26 +108,30 @@ class Preview(LocalPage):
         self._came.set()
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | None:
-        """Return the newest picture once there is one."""
+        """Return the newest picture once there is one; viewers share a drawing for EVERY_S."""
         if name != "frame.jpg" or not self._came.wait(WAIT_S) or self._newest is None:
             return None
-        result, rate_Hz = self._newest
-        picture = draw(rectify(self.reconstructor.sensor, result.shot.rgb), result, rate_Hz=rate_Hz)
-        encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-        return Answer("image/jpeg", encoded.tobytes())
-
-    def post(self, name: str, content: dict[str, Any]) -> None:
-        """Take no action."""
+        with self._drawing:
+            if time.monotonic() - self._drawn_s > EVERY_S:
+                result, rate_Hz = self._newest
+                picture = draw(rectify(self.reconstructor.sensor, result.shot.rgb), result, rate_Hz=rate_Hz)
+                encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+                self._drawn, self._drawn_s = Answer("image/jpeg", encoded.tobytes()), time.monotonic()
+            return self._drawn
 
 
 # Foxglove, over its websocket on this machine and as an MCAP file (extra `foxglove`).
 #
+# The websocket is a local page's: it needs the token, and the Origin of Foxglove if it states one. A slow viewer
+# misses frames.
 # Topics: /picture the rectified frame (RawImage), /depth the map and /tractions the forces as grids (Grid; places
 # on the pad from its centre, in metres; MPa), /wrench and /state as JSON. Times are this machine's, since 1970.
 
 PAD = "pad"  # frame of reference of all topics
 S_TO_NS = 10**9  # nanoseconds in a second
 PORT = 8765  # the default port of Foxglove
+MESSAGE = 1  # first byte of a message of the protocol with data
+MAX_ASKED = 100  # subscriptions of one viewer; there are five topics
 _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
 _WRENCH = dict.fromkeys(("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm"), _NUMBERS)
 _STATE = {
@@ -146,23 +157,26 @@ class Foxglove:
         self.reconstructor, self.mcap = reconstructor, mcap
         check_installed()
         import foxglove
-        from foxglove import channels
+        from foxglove.messages import Grid, RawImage
 
-        self._context = foxglove.Context()
-        self._picture = channels.RawImageChannel("/picture", context=self._context)
-        self._depth = channels.GridChannel("/depth", context=self._context)
-        self._tractions = channels.GridChannel("/tractions", context=self._context)
-        self._wrench, self._state = (
-            foxglove.Channel(topic, schema={"type": "object", "properties": schema}, context=self._context)
-            for topic, schema in (("/wrench", _WRENCH), ("/state", _STATE))
-        )
+        context = self._context = foxglove.Context()  # its channels close with it
+        plain = {"/wrench": _WRENCH, "/state": _STATE}
+        schemas = {topic: {"type": "object", "properties": schema} for topic, schema in plain.items()}
+        kinds = {"/picture": RawImage, "/depth": Grid, "/tractions": Grid}
+        schemas |= {topic: kind.get_schema() for topic, kind in kinds.items()}
+        self._channels = {
+            topic: foxglove.Channel(
+                topic, schema=schema, message_encoding="protobuf" if topic in kinds else "json", context=context
+            )
+            for topic, schema in schemas.items()
+        }
         self._began_ns = time.time_ns() - round(S_TO_NS * time.monotonic())
         self._writer = None
         with ExitStack() as opening:
             if mcap is not None:
                 temporary = opening.enter_context(replacing(mcap))
-                self._writer = foxglove.open_mcap(temporary, allow_overwrite=True, context=self._context)
-            self._server = _served(self._context) if serve else None
+                self._writer = foxglove.open_mcap(temporary, allow_overwrite=True, context=context)
+            self.page = opening.enter_context(Streamed(self._channels)) if serve else None
             self._files = opening.pop_all()
 
     def __enter__(self) -> Self:
@@ -171,13 +185,10 @@ class Foxglove:
     def __exit__(
         self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._server is not None:
-            self._server.stop()
-        if self._writer is None:
-            return
         try:
             with self._files:  # renamed also where an error ended the stream
-                self._writer.close()
+                if self._writer is not None:
+                    self._writer.close()
         except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
             if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
                 return
@@ -188,43 +199,106 @@ class Foxglove:
 
     def show(self, result: LiveResult, rate_Hz: float) -> None:
         """Send one result on all topics."""
+        if self._writer is None and (self.page is None or not self.page.viewers):
+            return
+        at_ns = self._began_ns + round(S_TO_NS * result.shot.time_s)
+        messages = dict(self._messages(result, rate_Hz, _stamp(at_ns)))
+        for topic, message in messages.items():
+            self._channels[topic].log(message, log_time=at_ns)
+        if self.page is not None:
+            self.page.show(at_ns, messages)
+
+    def _messages(self, result: LiveResult, rate_Hz: float, stamp: Any) -> Iterator[tuple[str, bytes]]:
+        """Yield the encoded message of each topic."""
         from foxglove.messages import RawImage
 
-        moment, at_ns = result.moment, self._began_ns + round(S_TO_NS * result.shot.time_s)
-        stamp = _stamp(at_ns)
-        rgb = rectify(self.reconstructor.sensor, result.shot.rgb)
+        moment, rgb = result.moment, rectify(self.reconstructor.sensor, result.shot.rgb)
         height, width = rgb.shape[:2]
         size: dict[str, Any] = {"width": width, "height": height, "step": 3 * width}
         data = np.ascontiguousarray(rgb).tobytes()
-        picture = RawImage(timestamp=stamp, frame_id=PAD, encoding="rgb8", data=data, **size)
-        self._picture.log(picture, log_time=at_ns)
+        yield "/picture", RawImage(timestamp=stamp, frame_id=PAD, encoding="rgb8", data=data, **size).encode()
         depth = moment.height
         known = np.where(depth.valid, depth.depth_mm * MILLI, np.nan)
-        self._depth.log(_grid({"elevation": known}, depth.mm_per_px, stamp=stamp), log_time=at_ns)
+        yield "/depth", _grid({"elevation": known}, depth.mm_per_px, stamp=stamp)
         state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": result.age_ms, "rate_Hz": rate_Hz}
-        self._state.log(state | {"flags": list(depth.flags)}, log_time=at_ns)
+        yield "/state", _json(state | {"flags": list(depth.flags)})
         found, wrench = moment.tractions, moment.wrench
         if found is None or wrench is None:
             return
         fields = {"t_x": found.t_x, "t_y": found.t_y, "t_z": found.t_z}
-        grid = _grid(fields, found.mm_per_px, stamp=stamp, first_mm=found.first_mm)
-        self._tractions.log(grid, log_time=at_ns)
-        self._wrench.log({name: _plain(getattr(wrench, name)) for name in _WRENCH}, log_time=at_ns)
+        yield "/tractions", _grid(fields, found.mm_per_px, stamp=stamp, first_mm=found.first_mm)
+        yield "/wrench", _json({name: _plain(getattr(wrench, name)) for name in _WRENCH})
 
 
-def _served(context: Any) -> Any:
-    import foxglove
+class Streamed(LocalPage):
+    """Foxglove's websocket while it is open; `show` gives it the newest messages.
 
-    try:
-        return foxglove.start_server(name="tactilevision", host="127.0.0.1", port=PORT, context=context)
-    except (OSError, RuntimeError) as fault:
-        raise InputError(
-            "Foxglove's port is in use", where="--foxglove", value=PORT, remedy="End the other server."
-        ) from fault
+    Source: Foxglove WebSocket protocol, version 1 (github.com/foxglove/ws-protocol).
+    """
+
+    protocols = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+    origins = re.compile(r"https://([a-z0-9-]+\.)*foxglove\.dev|file://")  # of its page, of its program
+
+    def __init__(self, channels: Mapping[str, Any]) -> None:
+        super().__init__({}, port=PORT, option="--foxglove")
+        self._topics = dict(enumerate(channels, start=1))
+        self._channels = [_advert(number, channels[topic]) for number, topic in self._topics.items()]
+        self._newest: tuple[int, Mapping[str, bytes]] = (0, {})
+        self.viewers: set[Link] = set()
+
+    @property
+    def address(self) -> str:
+        """URL of the websocket with its token."""
+        return super().address.replace("http://", "ws://")
+
+    def show(self, at_ns: int, messages: Mapping[str, bytes]) -> None:
+        """Show the newest messages by topic."""
+        self._newest = at_ns, messages
+
+    def converse(self, link: Link) -> None:
+        """Name the channels, and send the newest message of those that are subscribed to."""
+        link.send(_json({"op": "serverInfo", "name": "tactilevision", "capabilities": []}), TEXT)
+        link.send(_json({"op": "advertise", "channels": self._channels}), TEXT)
+        asked: dict[int, str] = {}
+        sent_ns = 0
+        self.viewers.add(link)
+        try:
+            while True:
+                heard = link.receive()
+                if heard is not None:
+                    self._subscribe(asked, parse_json(heard, where="the websocket"))
+                at_ns, messages = self._newest
+                for number, topic in asked.items() if at_ns != sent_ns else ():
+                    if topic in messages:
+                        link.send(struct.pack("<BIQ", MESSAGE, number, at_ns) + messages[topic])
+                sent_ns = at_ns
+        finally:
+            self.viewers.discard(link)
+
+    def _subscribe(self, asked: dict[int, str], content: Mapping[str, Any]) -> None:
+        """Note which channels a viewer subscribes to, by its own numbers."""
+        if content.get("op") == "subscribe":
+            for one in content.get("subscriptions", ()):
+                number, channel = int(one["id"]), int(one["channelId"])
+                if len(asked) < MAX_ASKED and 0 <= number < 1 << 32 and channel in self._topics:
+                    asked[number] = self._topics[channel]
+        elif content.get("op") == "unsubscribe":
+            for number in content.get("subscriptionIds", ()):
+                asked.pop(int(number), None)
 
 
-def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: Pair | None = None) -> Any:
-    """Return fields (H, W) as one grid of float32, each cell centred on its pixel."""
+def _advert(number: int, channel: Any) -> dict[str, Any]:
+    """Return a channel in the words of the protocol."""
+    schema = channel.schema()
+    text = schema.data.decode() if schema.encoding == "jsonschema" else base64.b64encode(schema.data).decode()
+    return {
+        **{"id": number, "topic": channel.topic(), "encoding": channel.message_encoding},
+        **{"schemaName": schema.name, "schema": text, "schemaEncoding": schema.encoding},
+    }
+
+
+def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: Pair | None = None) -> bytes:
+    """Encode fields (H, W) as one grid of float32, each cell centred on its pixel."""
     from foxglove import messages
 
     stacked = np.stack([np.asarray(field, "<f4") for field in fields.values()], axis=-1)
@@ -235,7 +309,7 @@ def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: P
     origin = messages.Vector3(x=corner[0], y=corner[1], z=0.0)
     upright = messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     number = messages.PackedElementFieldNumericType.Float32
-    return messages.Grid(
+    grid = messages.Grid(
         timestamp=stamp,
         frame_id=PAD,
         pose=messages.Pose(position=origin, orientation=upright),
@@ -248,6 +322,11 @@ def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: P
         ],
         data=np.ascontiguousarray(stacked).tobytes(),
     )
+    return bytes(grid.encode())
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content).encode()
 
 
 def _stamp(at_ns: int) -> Any:

@@ -208,7 +208,7 @@ def test_ctrl_c_within_an_exec_ends_with_130_too(tmp_path: Path) -> None:
 def test_sigterm_within_a_private_effect_ends_the_run(tmp_path: Path) -> None:
     """What guards against the effect's own SystemExit does not hold up the word to end."""
     effect = tmp_path / "effect.py"
-    effect.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\n")
+    effect.write_text("import os, signal, time\nos.kill(os.getppid(), signal.SIGTERM)\ntime.sleep(9)\n")
     command = [
         sys.executable,
         "-m",
