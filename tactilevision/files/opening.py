@@ -6,7 +6,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -191,19 +191,6 @@ def number(value: object, *, what: str, where: object) -> float | None:
         raise InputError(f"{what} is no finite number", where=where, value=value)
     check(abs(value), "MAX_NUMBER", what=what, where=where)
     return float(value)
-
-
-def read_cells(cells: Sequence[str], *, where: object) -> list[float]:
-    """Read the numbers of a row of text, in their units; an empty cell is NaN.
-
-    Raises InputError for text that is none, and as `check_numbers` does.
-    """
-    try:
-        found = [float(cell or "nan") for cell in cells]
-    except ValueError as fault:
-        raise InputError("a cell holds no number", where=where, value=str(fault)[:80]) from fault
-    check_numbers(np.array(found), what="a cell", where=where)
-    return found
 
 
 def check_numbers(values: npt.NDArray[np.number], *, what: str, where: object) -> None:

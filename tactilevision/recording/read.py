@@ -254,8 +254,7 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
 
     root = Path(path)
     toml = _find_settings(root)
-    content = load_toml(toml)
-    settings, news = check_settings(content, toml)
+    settings, content, news = check_settings(load_toml(toml), toml)
     missing = {key: value for key, value in (sensor or {}).items() if getattr(settings.sensor, key) is None}
     settings = settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
     indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
