@@ -13,10 +13,19 @@ Each message says what is wrong, where, the value found, and the remedy.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from functools import partial
 from importlib import import_module
 from typing import Any
+
+# control characters but the tab, line breaks, changes of the text's direction, surrogates of undecodable bytes
+_UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def one_line(text: str) -> str:
+    """Return a text with control characters and line breaks spelt out (\\x1b), safe to print as one line."""
+    return _UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 class Terminated(BaseException):
@@ -24,9 +33,12 @@ class Terminated(BaseException):
 
 
 class TactilevisionError(Exception):
-    """Base of every error that this library raises on purpose."""
+    """Base of every error that this library raises on purpose; the message is one line."""
 
     exit_code = 1
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*(one_line(part) if isinstance(part, str) else part for part in parts))
 
 
 class InputError(TactilevisionError, ValueError):

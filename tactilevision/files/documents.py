@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
 import math
@@ -12,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, one_line
 from tactilevision.files.opening import MB, check, limit, read_bytes
 
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
@@ -110,6 +111,11 @@ def _check_nesting(text: str, where: object) -> None:
             check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
     digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
     check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
+
+
+def html_text(text: str) -> str:
+    """Return a text for HTML, with control characters spelt out."""
+    return html.escape(one_line(text))
 
 
 # Cells of CSV tables. A text that a spreadsheet would run as a formula, since it begins with = + - @ (also in full

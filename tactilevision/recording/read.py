@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import RecordingError
+from tactilevision.files.opening import real_path
 from tactilevision.recording import layout, pictures
 from tactilevision.recording.layout import some
 from tactilevision.recording.model import BallPress, Recording
@@ -260,7 +261,7 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
     indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
     recording = Recording(
         path=root,
-        name=settings.name or root.resolve().name,
+        name=settings.name or real_path(root).name,
         sensor=Sensor("custom", 0, 0, (float("nan"), float("nan"))),
         date=settings.date,
         force_std_N=as_three(settings.force.std_N) if settings.force.std_N else None,

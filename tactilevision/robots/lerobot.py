@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -14,7 +13,8 @@ import numpy as np
 
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.documents import read_json
-from tactilevision.files.writing import staged, write_text
+from tactilevision.files.opening import open_regular
+from tactilevision.files.writing import copy_file, replacing, staged, write_text
 from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import Frame
@@ -219,14 +219,16 @@ class _Work:
         """Write one table of frames with the new columns."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         target = folder / source.relative_to(self.dataset.root)
-        target.parent.mkdir(parents=True, exist_ok=True)
         with opened(source) as file:
             schema_in = file.schema_arrow.remove_metadata()  # which lists the old columns alone
         whole = arrow.schema([*schema_in, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
         packing = {f"{self.base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
-        with parquet.ParquetWriter(
-            target, whole, compression="zstd", use_dictionary=False, column_encoding=packing
-        ) as writer:
+        with (
+            replacing(target) as temporary,
+            parquet.ParquetWriter(
+                temporary, whole, compression="zstd", use_dictionary=False, column_encoding=packing
+            ) as writer,
+        ):
             for batch in parts(source):
                 readings = list(islice(self.readings, batch.num_rows))
                 columns = self._taken(readings)
@@ -259,8 +261,8 @@ class _Work:
             for key, stats in each[0].items():
                 for what in stats:
                     table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            parquet.write_table(table, folder / name, compression="zstd")
+            with replacing(folder / name) as temporary:
+                parquet.write_table(table, temporary, compression="zstd")
 
     def write_info(self, folder: Path) -> None:
         """Write info.json with the new features, and stats.json with their statistics."""
@@ -299,8 +301,7 @@ def _copy_rest(dataset: DataSet, folder: Path) -> None:
         name = path.relative_to(dataset.root)
         target = folder / name
         if path.is_file() and not target.exists() and not any(part.startswith(".") for part in name.parts):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(dataset.file(name.as_posix()), target)
+            copy_file(open_regular(dataset.file(name.as_posix())), target)
 
 
 def _type(feature: dict[str, Any]) -> Any:

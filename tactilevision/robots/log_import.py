@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import staged, write_text
+from tactilevision.files.writing import make_folder, staged, write_bytes, write_text
 from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.folder import guess_scale
@@ -186,14 +186,14 @@ def _messages(
     names: list[str] = []
     stamps: list[Stamp] = []
     readings: list[WrenchReading] = []
-    (folder / layout.FRAMES).mkdir()
+    make_folder(folder / layout.FRAMES)
     wanted = {settings.frames, settings.wrench} - {None}
     for message in log.messages({str(one) for one in wanted}):
         if message.topic == settings.frames:
             picture = decode_picture(message, log.path)
             names.append(f"{len(names):07d}{picture.suffix}")
             stamps.append(picture.stamp)
-            (folder / layout.FRAMES / names[-1]).write_bytes(picture.data)
+            write_bytes(folder / layout.FRAMES / names[-1], picture.data)
         else:
             readings.append(decode_wrench(message, log.path))
     _check_topic(log, settings.frames, len(stamps))
