@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactilevision.errors import InputError, one_line
-from tactilevision.files.opening import MB, check, limit, read_bytes
+from tactilevision.files.opening import MB, check, is_plain, limit, read_bytes
 
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
 
@@ -35,7 +35,7 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
     """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
     _check_nesting(_STRINGS.sub('""', text), where)
     try:
-        return tomllib.loads(text)
+        return _with_plain_keys(tomllib.loads(text), where)
     except tomllib.TOMLDecodeError as fault:
         line = re.search(r"line (\d+)", str(fault))
         place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
@@ -50,6 +50,16 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
         ) from fault
     except (ValueError, RecursionError, OverflowError) as fault:
         raise InputError(f"is not TOML: {fault}", where=where) from fault
+
+
+def _with_plain_keys(content: Any, where: object) -> Any:
+    """Return the content. Raises InputError for a key with a control character."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if not is_plain(key):
+            raise InputError("a key holds a control character", where=where, value=key, remedy="Remove it.")
+        for one in value if isinstance(value, list) else [value]:
+            _with_plain_keys(one, where)
+    return content
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
@@ -71,6 +81,11 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
         raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
     if not isinstance(content, dict):
         raise InputError("is not a table of JSON", where=where, value=type(content).__name__)
+    if "\\u" in text if isinstance(text, str) else b"\\u" in text:
+        try:
+            json.dumps(content, ensure_ascii=False).encode()
+        except UnicodeEncodeError as fault:
+            raise InputError("is not JSON: half of a letter stands alone (a surrogate)", where=where) from fault
     return content
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, RecordingError
+from tactilevision.errors import InputError, RecordingError, one_line
 from tactilevision.recording import layout
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
@@ -95,6 +95,9 @@ class Recording:
     extra: Mapping[str, Mapping[str, npt.NDArray[Any]]] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "warnings", tuple(map(one_line, self.warnings)))
 
 
 Need = Literal[

@@ -22,7 +22,7 @@ from pydantic import (
 
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files.documents import parse_toml, read_text
-from tactilevision.files.opening import limit
+from tactilevision.files.opening import is_plain, limit
 from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
 from tactilevision.recording.units import same_quantity, scaled, with_own_unit
@@ -60,6 +60,13 @@ def _ball(value: Any) -> Any:
     return "sphere" if value == "ball" else value
 
 
+def _one_line(value: str) -> str:
+    if not is_plain(value):
+        raise ValueError("must be one line without control characters")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_one_line)]
 MAX_SIDE = 1_000_000  # px in a row of a picture
 Number = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
@@ -109,8 +116,8 @@ class GelSettings(_Settings):
 class SensorSettings(_Settings):
     """[sensor]"""
 
-    kind: str | None = None
-    serial: str = ""
+    kind: Text | None = None
+    serial: Text = ""
     mm_per_px: Scales | None = None
     width_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
     height_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
@@ -144,9 +151,9 @@ class ClockSettings(_Settings):
 class LogSettings(_Settings):
     """[log]: source of an imported recording."""
 
-    source: str = ""
-    frames: str = ""
-    wrench: str | None = None
+    source: Text = ""
+    frames: Text = ""
+    wrench: Text | None = None
     clock: Literal["header", "log"] = "header"
     origin_ns: Annotated[int, Field(ge=0, lt=LAST_NS)] = 0
 
@@ -176,7 +183,7 @@ class Settings(_Settings):
     """The whole file."""
 
     format: int
-    name: str = ""
+    name: Text = ""
     date: Annotated[datetime.date, BeforeValidator(_day)] | None = None
     sensor: SensorSettings = SensorSettings()
     force: ForceSettings = ForceSettings()

@@ -137,6 +137,10 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> tuple[list
             )
     if any("\0" in name for name in header):
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
+    for name in header:
+        if not is_plain(name):
+            what = "the name of a column holds a control character"
+            raise RecordingError(what, where=f"{path}, line 1", value=name, remedy="Remove it.")
     factors: dict[str, tuple[str, Fraction]] = {}
     for place, name in enumerate(header):
         found = None if name in columns.known else same_quantity(name, columns.known)

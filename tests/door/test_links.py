@@ -172,7 +172,7 @@ WRITES = {"write_text", "write_bytes", "touch", "mkdir", "makedirs", "mkdtemp", 
 
 
 def direct_writes(path: Path) -> list[str]:
-    """Calls that change files without `tactilevision.files`: not on the `temporary` path that it gives, or its `file`."""
+    """Calls that change files without `tactilevision.files`: not on its `temporary`, or the `file` opened there."""
     found = []
     for node in ast.walk(ast.parse(path.read_text())):
         if not isinstance(node, ast.Call):
@@ -210,8 +210,8 @@ INTO = [["calibrate", str(PAPER), "--out"], ["diagnose", str(PAPER), "--out"], [
         ["depth", str(PAPER), "--out"], ["force", str(PAPER), "--out"], ["steps"],
         ["import", "x.mcap", "--frames", "/a", "--out"]]  # fmt: skip
 FROM = [["calibrate"], ["depth"], ["view"], ["diagnose"], ["compare"], ["live", "--camera"], ["force"],
-        ["import", "--out", "o"], ["export", "--out", "x.mcap"], ["plan"], ["train", "--method", "polynomial", "--out", "o"],
-        ["calibrate-sensor", "--out", "o.tvs"], ["validate"],
+        ["import", "--out", "o"], ["export", "--out", "x.mcap"], ["plan"],
+        ["train", "--method", "polynomial", "--out", "o"], ["calibrate-sensor", "--out", "o.tvs"], ["validate"],
         ["lerobot", "--camera", "c", "--sensor", "s.tvs", "--out", "o"],
         ["depth", str(PAPER), "--sensor"], ["depth", str(PAPER), "--reference"], ["depth", str(PAPER), "--method"],
         ["force", str(PAPER), "--calibration"], ["diagnose", str(PAPER), "--effect"]]  # fmt: skip
