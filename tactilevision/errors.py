@@ -14,7 +14,8 @@ Each message says what is wrong, where, the value found, and the remedy.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -88,6 +89,18 @@ def installed_version(package: str) -> str:
 
 class RecordingError(InputError):
     """A file of a recording is missing, damaged, or holds something impossible."""
+
+
+@contextmanager
+def found_in(where: object, what: str = "") -> Iterator[None]:
+    """Raise InputErrors of records as errors of the file, or the place in it, that holds their numbers."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except InputError as fault:
+        said = f"{what} {fault.what}".lstrip()
+        raise RecordingError(said, where=where, value=fault.value, remedy=fault.remedy) from fault
 
 
 class OutputError(InputError):

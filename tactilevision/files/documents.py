@@ -35,7 +35,7 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
     """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
     _check_nesting(_STRINGS.sub('""', text), where)
     try:
-        return _with_plain_keys(tomllib.loads(text), where)
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
         line = re.search(r"line (\d+)", str(fault))
         place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
@@ -50,16 +50,17 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
         ) from fault
     except (ValueError, RecursionError, OverflowError) as fault:
         raise InputError(f"is not TOML: {fault}", where=where) from fault
+    _check_keys(content, where)
+    return content
 
 
-def _with_plain_keys(content: Any, where: object) -> Any:
-    """Return the content. Raises InputError for a key with a control character."""
+def _check_keys(content: object, where: object) -> None:
+    """Raise InputError for a key with a control character."""
     for key, value in content.items() if isinstance(content, dict) else ():
         if not is_plain(key):
             raise InputError("a key holds a control character", where=where, value=key, remedy="Remove it.")
         for one in value if isinstance(value, list) else [value]:
-            _with_plain_keys(one, where)
-    return content
+            _check_keys(one, where)
 
 
 def read_json(path: Path | str) -> dict[str, Any]:

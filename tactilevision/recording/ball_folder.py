@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import RecordingError, found_in
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.opening import check_numbers, inside, real_path
 from tactilevision.recording import layout
@@ -56,8 +56,6 @@ def read_catalogue(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
 
 def _press(root: Path, table: Table, row: int) -> BallPress:
     diameter = float(table.numbers[DIAMETER][row])
-    if diameter <= 0:
-        raise table.fault(row, f"{DIAMETER} must be above 0", value=diameter)
     name = table.words["experiment_reldir"][row].replace("\\", "/").rstrip("/")
     folder = inside(root, name, where=table.path)
     picture = inside(folder, PICTURE, where=table.path)
@@ -67,7 +65,8 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
         )
     label = inside(folder, LABEL, where=table.path)
     centre, radius = read_label(label) if label.is_file() else (None, None)
-    return BallPress(picture, 0.5 * diameter, centre, radius, f"{name}/{PICTURE}")
+    with found_in(f"{table.path}, line {table.lines[row]}"):
+        return BallPress(picture, 0.5 * diameter, centre, radius, f"{name}/{PICTURE}")
 
 
 def read_label(path: Path) -> tuple[tuple[float, float], float]:

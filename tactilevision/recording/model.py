@@ -16,11 +16,12 @@ from tactilevision.errors import InputError, RecordingError, one_line
 from tactilevision.recording import layout
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
+from tactilevision.records.ranges import Ranged
 from tactilevision.records.rig import Indenter, Press, Sensor
 
 
 @dataclass(frozen=True, slots=True)
-class BallPress:
+class BallPress(Ranged):
     """A ball pressed into the gel for photometric calibration.
 
     `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None: not recorded. `frame` is its name
@@ -49,7 +50,7 @@ class BadFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class StageSeries:
+class StageSeries(Ranged):
     """Place of the motion stage, `z_mm` (T,) growing into the gel, at `time_s` (T,) on the F/T sensor's clock."""
 
     time_s: Floats

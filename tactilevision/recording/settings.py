@@ -27,7 +27,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
 from tactilevision.recording.units import same_quantity, scaled, with_own_unit
 from tactilevision.records.constants import Z95
-from tactilevision.sensors import MAX_SCALE, MIN_SCALE
+from tactilevision.records.ranges import SCALE
 
 # Keys of recording.toml, with units and bounds.
 
@@ -73,7 +73,7 @@ Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
 Poisson = Annotated[float, AfterValidator(_finite), Field(ge=0, le=0.5)]
 Two = Annotated[list[Positive], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
-Scale = Annotated[float, AfterValidator(_finite), Field(ge=MIN_SCALE, le=MAX_SCALE)]
+Scale = Annotated[float, AfterValidator(_finite), Field(ge=SCALE[0], le=SCALE[1])]
 Scales = Annotated[list[Scale], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
 Three = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
 Row = Annotated[list[Number], Field(min_length=3, max_length=3)]

@@ -23,6 +23,7 @@ from tactilevision.files.opening import check, check_numbers, is_plain, open_reg
 from tactilevision.recording.layout import Columns, nearest
 from tactilevision.recording.units import BRACKETS, fault_of_unit, same_quantity, scaled, with_own_unit
 from tactilevision.records.measured import Floats
+from tactilevision.records.ranges import impossible, outside
 
 _Factors = Mapping[str, tuple[str, Fraction]]  # by name in the format: the file's own name, and the factor
 _ROWS_AT_ONCE = 4096  # rows read at once
@@ -220,6 +221,11 @@ def _numbers(
         )
     if converted is not None:
         values = scaled(values, converted[1])
+    remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * empty_allowed
+    for row in np.flatnonzero(outside(values, name))[:1]:
+        raise RecordingError(
+            impossible(name), where=f"{path}, line {lines[row]}", value=float(values[row]), remedy=remedy
+        )
     check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values
 

@@ -9,6 +9,7 @@ import dataclasses
 from typing import Any
 
 from tactilevision.errors import InputError, check_known
+from tactilevision.records.ranges import SCALE
 from tactilevision.records.rig import Sensor
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
@@ -35,9 +36,6 @@ _CATALOGUE = (
     Sensor("gelsight_wedge", width_px=320, height_px=240, mm_per_px=(0.0909, 0.0909)),
 )
 SENSORS: dict[str, Sensor] = {sensor.kind: sensor for sensor in _CATALOGUE}
-
-MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
-MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:
@@ -72,10 +70,10 @@ def may_have_marks(sensor: Sensor) -> bool:
 
 
 def check_scale(mm_per_px: float, *, where: str) -> None:
-    """Raise InputError for a scale below MIN_SCALE, above MAX_SCALE, or not a number."""
-    if not MIN_SCALE <= mm_per_px <= MAX_SCALE:
+    """Raise InputError for a scale outside of SCALE, or not a number."""
+    if not SCALE[0] <= mm_per_px <= SCALE[1]:
         raise InputError(
-            f"a scale lies between {MIN_SCALE:g} and {MAX_SCALE:g} mm per pixel",
+            f"a scale lies between {SCALE[0]:g} and {SCALE[1]:g} mm per pixel",
             where=where,
             value=mm_per_px,
             remedy="State a length on the gel in mm over its length in the picture in pixels: most are .02 to .1.",

@@ -172,7 +172,7 @@ WRITES = {"write_text", "write_bytes", "touch", "mkdir", "makedirs", "mkdtemp", 
 
 
 def direct_writes(path: Path) -> list[str]:
-    """Calls that change files without `tactilevision.files`: not on its `temporary`, or the `file` opened there."""
+    """Calls that change files without `tactilevision.files`: not on its `temporary`, or a `file` there."""
     found = []
     for node in ast.walk(ast.parse(path.read_text())):
         if not isinstance(node, ast.Call):

@@ -81,12 +81,17 @@ EDITS = [
     ),
     ("presses.csv", "0.5,0.9", "0.5,1.9", "the readings end early: at 0.99 s, but press 2 ends at 1.9 s"),
     ("presses.csv", "0.1,0.4", "-0.5,0.4", "the readings start late: at 0 s, but press 1 starts at -0.5 s"),
-    ("reference/ball.csv", "3.0", "-3.0", "ball.csv, line 2: ball_radius_mm must be above 0 (got -3.0)"),
+    (
+        "reference/ball.csv",
+        "3.0",
+        "-3.0",
+        "ball.csv, line 2: ball_radius_mm must lie between 1e-06 and 10000 (got -3.0)",
+    ),
     (
         "reference/ball.csv",
         "3.0",
         "1e9",
-        "line 2: ball_radius_mm must be at most 1000 (got 1000000000.0)",
+        "line 2: ball_radius_mm must lie between 1e-06 and 10000 (got 1000000000.0)",
     ),
     ("reference/ball.csv", "b1.png", "b2.png", "1 of 1 pictures listed are missing, the first is b2.png"),
 ]
@@ -119,7 +124,11 @@ CONTENTS = [
         b"press,indenter,fz_N\n1,A1,1\n",
         "points.csv, line 1: column depth_mm is missing; there are press, indenter, fz_N",
     ),
-    ("points.csv", b"press,indenter,depth_mm,fz_N,fz_std_N\n1,A1,1,1,-1\n", "line 2: fz_std_N must be at least 0"),
+    (
+        "points.csv",
+        b"press,indenter,depth_mm,fz_N,fz_std_N\n1,A1,1,1,-1\n",
+        "line 2: fz_std_N must lie between 0 and",
+    ),
     ("points.csv", f"{POINTS}\n1,A1,,1\n".encode(), "points.csv, line 2: column depth_mm holds no number"),
     (
         "points.csv",
