@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -64,11 +65,18 @@ def impossible(name: str) -> str:
     return f"{name} must lie between {least:g} and {most:g}"
 
 
+@cache
+def _ranges_of(record: type) -> tuple[tuple[str, Range], ...]:
+    return tuple((one.name, found) for one in fields(record) if (found := range_of(one.name)))
+
+
 def check_ranges(record: Any) -> None:
     """Raise InputError for the first field of a record with an impossible number, in the unit of its name."""
-    for name in (one.name for one in fields(record) if range_of(one.name)):
+    for name, (least, most) in _ranges_of(record.__class__):
         value = getattr(record, name)
-        if value is not None and (bad := outside(value, name)).any():
+        if value is None or (isinstance(value, float) and not (value < least or value > most)):
+            continue  # the usual case, fast
+        if (bad := outside(value, name)).any():
             label = getattr(record, "press", getattr(record, "name", ""))
             where = f"{type(record).__name__.lower()} {label}".strip()
             raise InputError(impossible(name), where=where, value=float(np.asarray(value, float)[bad].flat[0]))
