@@ -13,10 +13,20 @@ Each message says what is wrong, where, the value found, and the remedy.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from typing import Any
+
+# control characters but the tab, line breaks, changes of the text's direction, surrogates of undecodable bytes
+_UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def one_line(text: str) -> str:
+    """Return a text with control characters and line breaks spelt out (\\x1b), safe to print as one line."""
+    return _UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 class Terminated(BaseException):
@@ -24,9 +34,12 @@ class Terminated(BaseException):
 
 
 class TactilevisionError(Exception):
-    """Base of every error that this library raises on purpose."""
+    """Base of every error that this library raises on purpose; the message is one line."""
 
     exit_code = 1
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*(one_line(part) if isinstance(part, str) else part for part in parts))
 
 
 class InputError(TactilevisionError, ValueError):
@@ -76,6 +89,18 @@ def installed_version(package: str) -> str:
 
 class RecordingError(InputError):
     """A file of a recording is missing, damaged, or holds something impossible."""
+
+
+@contextmanager
+def found_in(where: object, what: str = "") -> Iterator[None]:
+    """Raise InputErrors of records as errors of the file, or the place in it, that holds their numbers."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except InputError as fault:
+        said = f"{what} {fault.what}".lstrip()
+        raise RecordingError(said, where=where, value=fault.value, remedy=fault.remedy) from fault
 
 
 class OutputError(InputError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -32,7 +31,8 @@ from calibration.tasks.compare import Comparison, as_comparison
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.errors import InputError
-from tactilevision.files.writing import plain_name, staged, write_json, write_text
+from tactilevision.files.opening import linked, real_path
+from tactilevision.files.writing import copy_own, plain_name, remove, staged, write_json, write_text
 from tactilevision.pipeline import (
     Calibrated,
     CertifiedRecording,
@@ -59,16 +59,16 @@ def replaced(out: Path, names: Sequence[str], figures: Sequence[str]) -> Iterato
         kept = {out / path.relative_to(stage) for path in stage.rglob("*")}
     for path in earlier:
         if path not in kept:
-            path.unlink(missing_ok=True)
+            remove(path)
             if path.parent != out and not any(path.parent.iterdir()):
-                path.parent.rmdir()
+                remove(path.parent)
 
 
 def _found(folder: Path, names: Sequence[str], figures: Sequence[str]) -> list[Path]:
     """Return the files of these names, and of these figures in any form."""
     patterns = [*names, *(f"{figure}.{form}" for figure in figures for form in style.FORMS)]
     found = (path for pattern in patterns for path in sorted(folder.glob(pattern)))
-    return [path for path in found if path.is_file() and not path.is_symlink()]
+    return [p for p in found if p.is_file() and not linked(folder, p.relative_to(folder).as_posix())]
 
 
 # Calibrations: the newest in the folder itself, each older one in a folder of its own.
@@ -160,13 +160,13 @@ def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dic
         own = str(name).endswith(".py")
         effects.append(load_effect(name) if own else get_effect(str(name)))
         if own:
-            files[effects[-1].key] = str(Path(name).resolve())
+            files[effects[-1].key] = str(real_path(name))
     return effects, files
 
 
 def again_in(folder: Path) -> Path:
     """Return the folder of a repeated analysis, within what it repeats, which stays."""
-    return folder.resolve() / "repeated"
+    return real_path(folder) / "repeated"
 
 
 def write_history(history: History, folder: Path, out: Path) -> None:
@@ -250,7 +250,7 @@ def diagnose_as(
 
 def history_of(asked: History, steps: Sequence[Step]) -> History:
     """Return the history of these steps, which names its recordings wherever it is read."""
-    paths = tuple(str(Path(name).resolve()) for name in asked.recordings)
+    paths = tuple(str(real_path(name)) for name in asked.recordings)
     return reduce(History.add, steps, replace(asked, recordings=paths))
 
 
@@ -312,16 +312,17 @@ def follow_steps(
 ) -> None:
     """Make the folder's results those of the steps: as they were found where all stand, else fitted anew."""
     found = folder / FOUND
-    whole = not history.undone and found.is_dir()
+    whole = not history.undone and found.is_dir() and not found.is_symlink()
     names = [*PAGES, *([CALIBRATION] if history.applied else [])]
     with replaced(folder, names, FIGURES) as stage:
         if whole:
-            shutil.copytree(found, stage, dirs_exist_ok=True)
+            for path in _found(found, ["**/*"], ()):
+                copy_own(path, stage / path.relative_to(found))
         else:
             _refit(history, folder, FigureFolder(stage, choice), private=private, listener=listener)
             if not found.is_dir():
                 for path in _found(folder, names, FIGURES):
-                    _copy(path, stage / FOUND / path.relative_to(folder))
+                    copy_own(path, stage / FOUND / path.relative_to(folder))
         write_history(history, stage, folder)
     if whole:
         _forget_found(folder)
@@ -338,7 +339,7 @@ def _refit(
         state += f" What the diagnosis found is kept in {FOUND}/report.html."
     _fill_comparison(found, figures, listener, state=state)
     if history.applied and not history.steps and (folder / BEFORE).is_file():
-        _copy(folder / BEFORE, figures.path / CALIBRATION)
+        copy_own(folder / BEFORE, figures.path / CALIBRATION)
     elif history.applied:
         _write_material(found.models[-1].material, figures.path)
 
@@ -362,11 +363,6 @@ def check_named(steps: Sequence[Step], own: Mapping[str, object], *, what: str, 
             )
 
 
-def _copy(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
-
-
 def _keep_calibration(out: Path, stage: Path) -> None:
     """Keep the calibration that --apply is about to replace, unless an earlier --apply wrote it."""
     if not (out / CALIBRATION).is_file():
@@ -376,13 +372,12 @@ def _keep_calibration(out: Path, stage: Path) -> None:
     except InputError:
         applied = False
     if not applied:
-        _copy(out / CALIBRATION, stage / BEFORE)
+        copy_own(out / CALIBRATION, stage / BEFORE)
 
 
 def _forget_found(folder: Path) -> None:
     """Remove the results kept of an analysis whose steps all stand, or that another one replaces."""
-    if (folder / FOUND).is_dir() and not (folder / FOUND).is_symlink():
-        shutil.rmtree(folder / FOUND)
+    remove(folder / FOUND)
 
 
 # Validations by finite elements.

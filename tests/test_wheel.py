@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,6 +28,43 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     (built,) = out.glob("*.whl")
     return built
+
+
+def test_the_sdist_holds_what_builds_the_wheel_and_nothing_that_needs_the_samples(
+    wheel: Path, tmp_path: Path
+) -> None:
+    build = [sys.executable, "-m", "hatchling", "build"]
+    subprocess.run([*build, "-t", "sdist", "-d", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    (packed,) = tmp_path.glob("*.tar.gz")
+    shutil.unpack_archive(packed, tmp_path, filter="data")
+    (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert {path.name for path in unpacked.iterdir() if path.is_dir()} == {
+        "tactilevision",
+        "calibration",
+        "models",
+    }
+    subprocess.run([*build, "-t", "wheel", "-d", str(tmp_path)], cwd=unpacked, check=True, capture_output=True)
+    (again,) = tmp_path.glob("*.whl")
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+FIRST_SOUND = {
+    "opencv-contrib-python-headless": "4.12",
+    "torch": "2.10",
+    "onnx": "1.21",
+}  # CVE's first fixed version
+
+
+def test_no_version_with_a_known_fault_may_be_installed() -> None:
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    needs = {need.name: need for need in map(Requirement, stated)}
+    pinned = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line)
+    for name, first in FIRST_SOUND.items():
+        assert needs[name].specifier.contains(first)
+        assert not needs[name].specifier.contains(
+            f"{first.partition('.')[0]}.{int(first.partition('.')[2]) - 1}.9"
+        )
+    assert [n for n, need in needs.items() if n in pinned and not need.specifier.contains(pinned[n])] == []
 
 
 def test_top_level_names_are_the_two_packages(wheel: Path) -> None:

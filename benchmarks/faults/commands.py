@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -27,7 +28,8 @@ class Command:
     """`arguments` without the output; `source` is the recording it reads, `target` how the output is named.
 
     `changing` are files of the recording that may change while it is read. `workers` is how many processes
-    write. `weight` is the command's part of all kills; long ones have less.
+    write. `weight` is the command's part of all kills; long ones have less. `file` is the only result in the
+    folder of a command that writes one file; `grows` one that is written row by row.
     """
 
     name: str
@@ -37,10 +39,12 @@ class Command:
     changing: str = ""
     workers: int = 1
     weight: int = 2
+    file: str = ""
+    grows: str = ""
 
     def line(self, out: Path) -> list[str]:
         """The words after the program's name."""
-        return [self.arguments[0], *self.arguments[1:], *self.target, str(out)]
+        return [*self.arguments, *self.target, str(out / self.file)]
 
 
 def prepare(folder: Path) -> dict[str, Command]:
@@ -146,10 +150,12 @@ def _numbers(folder: Path, name: str) -> list[np.ndarray] | None:
     return None
 
 
-def _without_ms(data: bytes) -> bytes:
+def _without(*names_and_data: str | bytes) -> bytes:
+    *names, data = names_and_data
+    assert isinstance(data, bytes)
     rows = list(csv.reader(io.StringIO(data.decode())))
-    column = rows[0].index("ms")
-    return "\n".join(",".join((*row[:column], *row[column + 1 :])) for row in rows).encode()
+    kept = [column for column, name in enumerate(rows[0]) if name not in names]
+    return "\n".join(",".join(row[column] for column in kept) for row in rows).encode()
 
 
 def _without_date(data: bytes) -> bytes:
@@ -157,7 +163,11 @@ def _without_date(data: bytes) -> bytes:
     return json.dumps({key: value for key, value in card.items() if key != "date"}).encode()
 
 
-TIMELESS: Mapping[str, Callable[[bytes], bytes]] = {"depth.csv": _without_ms, "punch.json": _without_date}
+TIMELESS: Mapping[str, Callable[[bytes], bytes]] = {
+    "depth.csv": partial(_without, "ms"),
+    "live.csv": partial(_without, "age_ms", "time_s"),
+    "punch.json": _without_date,
+}
 
 
 def _timeless(path: Path) -> bytes:

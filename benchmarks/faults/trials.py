@@ -62,6 +62,7 @@ def half_written(whole: Undisturbed, out: Path, before: Mapping[str, bytes]) -> 
     stores: dict[str, set[str]] = {}
     for name, data in visible(contents(out)).items():
         new, old = data == whole.found.get(name), data == before.get(name)
+        new |= name == whole.command.grows and whole.found[name].startswith(data)
         if not new and not old and not nearly_same(whole.out, out, name):
             wrong.append(f"{name} is half written")
         if ".zarr/" in name:
@@ -119,10 +120,10 @@ def worker_killed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
 
 
 def stopped(
-    whole: Undisturbed, out: Path, rng: np.random.Generator, *, number: signal.Signals
+    whole: Undisturbed, out: Path, rng: np.random.Generator, *, number: signal.Signals, over: bool = True
 ) -> list[str] | None:
     """Ctrl-C as a terminal sends it, to all processes; or SIGTERM to the first. Nothing half done stays."""
-    before = earlier_results(whole, out)
+    before = earlier_results(whole, out) if over else {}
     with started(whole.command, out, fresh=True) as running:
         if running[0].wait(float(rng.uniform(0.3, 1.0)) * whole.seconds) is None:
             (os.killpg if number == signal.SIGINT else os.kill)(running[0].pid, number)
@@ -130,9 +131,11 @@ def stopped(
         ended = ended_of(running)
     if ended.code == 0:
         return None
-    wrong = [] if ended.code == 128 + number else [f"ended with {ended.code}"]
+    early = ended.code == -number and not out.exists()  # before the command had begun
+    wrong = [] if ended.code == 128 + number or early else [f"ended with {ended.code}"]
     wrong += [f"took {time.monotonic() - sent:.1f} s to end"] if time.monotonic() - sent > 3 else []
-    wrong += [f"left {name}" for name in contents(out) if ".unfinished" in name or name.endswith(".lock")]
+    left = contents(out) if out.exists() else {}
+    wrong += [f"left {name}" for name in left if ".unfinished" in name or name.endswith(".lock")]
     return wrong + traceback(ended) + half_written(whole, out, before) + resumed(whole, out)
 
 

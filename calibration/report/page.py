@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+
+from tactilevision.files.documents import html_text as escape
 
 STYLE = """
 :root { color-scheme: light; --ink: #1c1c1c; --soft: #5c5c5c; --line: #dcdcdc; --good: #00694d; --bad: #a84300; }
@@ -82,7 +83,8 @@ def folded(summary: str, *parts: str) -> str:
 
 def command(text: str) -> str:
     """Return a command to copy."""
-    return f"<pre>{escape(text)}</pre>" if text else ""
+    lines = "\n".join(map(escape, text.split("\n")))
+    return f"<pre>{lines}</pre>" if text else ""
 
 
 def listing(items: Sequence[str]) -> str:

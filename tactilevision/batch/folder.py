@@ -5,7 +5,6 @@ Each frame's map is written whole under its own name before the frame counts as 
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,7 +19,7 @@ from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.tiff import masked, write_tiff
-from tactilevision.files.writing import make_folder, write_text
+from tactilevision.files.writing import make_folder, remove, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
@@ -95,7 +94,7 @@ class DepthJob:
         """Clean up after killed runs, and make the folders or an empty store."""
         settle(self.out / STORE)
         if self.scratch is None:
-            shutil.rmtree(self.out / SCRATCH, ignore_errors=True)  # of a killed run in the other form
+            remove(self.out / SCRATCH)  # of a killed run in the other form
             for kind in self.kinds:
                 make_folder(self.out / kind)
         elif anew:

@@ -21,8 +21,9 @@ from tactilevision.cluster.connect import check_cluster
 from tactilevision.cluster.pool import EndsWorkers, cluster_pool
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_text
+from tactilevision.files.opening import real_path
 from tactilevision.files.runs import join_lock, output_lock, worker_pool
-from tactilevision.files.writing import append_text, write_text
+from tactilevision.files.writing import append_text, remove, write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
@@ -119,7 +120,7 @@ class Journal:
 
     def end(self) -> None:
         """Delete the journal: the results are in place."""
-        self.path.unlink(missing_ok=True)
+        remove(self.path)
 
 
 def as_line(result: Any) -> str:
@@ -338,7 +339,7 @@ def _bare(recording: Recording) -> Recording:
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:
     """Hash the recording's place and frames, and what else determines the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *file_states(recording), *map(repr, parts)]
+    about = [str(real_path(recording.path)), *recording.frame_names, *file_states(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 

@@ -16,8 +16,9 @@ from tactilevision.batch.jobs import Journal, fingerprint_of
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
 from tactilevision.files.documents import csv_text
+from tactilevision.files.opening import real_path
 from tactilevision.files.runs import output_lock
-from tactilevision.files.writing import write_text
+from tactilevision.files.writing import remove, write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
@@ -54,7 +55,7 @@ def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, 
     root = Path(root)
     if not root.is_dir():
         raise InputError("there is no such folder", where=root)
-    return tuple(_walk(root, set() if leave is None else {leave.resolve()}))
+    return tuple(_walk(root, set() if leave is None else {real_path(leave)}))
 
 
 def find_recordings(path: Path) -> tuple[Path, ...]:
@@ -109,7 +110,7 @@ def reconstruct_tree(
             )
         write_text(out / TABLE, _table(branches))
         for name in found:
-            (out / name / FINISHED).unlink(missing_ok=True)
+            remove(out / name / FINISHED)
     return tuple(branches)
 
 
@@ -157,7 +158,7 @@ def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[Fram
 
 
 def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:
-    here = folder.resolve()
+    here = real_path(folder)
     if here in leave:
         return
     names = sorted(name for name in os.listdir(folder) if not name.startswith("."))

@@ -25,6 +25,7 @@ from calibration.workbench.server import Server, plotly
 from tactilevision import result_folders as folders
 from tactilevision.cli import console
 from tactilevision.errors import InputError
+from tactilevision.files.opening import real_path
 from tactilevision.pipeline import (
     CertifiedRecording,
     certify_recordings,
@@ -219,7 +220,7 @@ def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior
             remedy="Name RECORDING..., or --state FOLDER.",
         )
     if state is None:
-        return History(tuple(str(path.resolve()) for path in recordings), seed=seed, prior=prior)
+        return History(tuple(str(real_path(path)) for path in recordings), seed=seed, prior=prior)
     return load_history(state / folders.HISTORY if state.is_dir() else state)
 
 

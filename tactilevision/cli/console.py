@@ -15,8 +15,7 @@ import typer
 
 from calibration.inputs.deadline import Progress
 from tactilevision.cluster import connect
-from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated
-from tactilevision.files.opening import as_plain
+from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated, one_line
 from tactilevision.files.runs import Ticker
 from tactilevision.files.writing import write_json
 
@@ -93,7 +92,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         task = bar.add_task(title, total=None)
 
         def advance(done: int, total: int, what: str = "") -> None:
-            title_now = f"{title} {what}".rstrip()
+            title_now = one_line(f"{title} {what}").rstrip()
             if done > bar.tasks[0].completed + 1:  # done in an earlier run: the remaining time counts from here
                 bar.reset(task, completed=done, total=total, description=title_now)
             bar.update(task, completed=done, total=total, description=title_now)
@@ -124,7 +123,7 @@ def say(*lines: str) -> None:
     """Print the human summary to standard output. Raises OutputError where that is a file on a full disk."""
     for line in lines:
         try:
-            typer.echo(as_plain(line))
+            typer.echo(one_line(line))
         except BrokenPipeError:
             raise
         except OSError as fault:
@@ -137,7 +136,7 @@ def say(*lines: str) -> None:
 def _complain(line: str) -> None:
     """Print to standard error, unless that cannot be written."""
     try:
-        typer.echo(as_plain(line), err=True)
+        typer.echo(one_line(line), err=True)
     except OSError:
         _discard(sys.stderr)
 

@@ -138,6 +138,8 @@ def _shows(
         console.say(f"preview: {page.address}")
         found.append(page.show)
     if foxglove or mcap is not None:
+        if mcap is not None:
+            stack.enter_context(output_lock(mcap, file=True))
         outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
         if outlet.page is not None:
             console.say(f"foxglove: {outlet.page.address}")

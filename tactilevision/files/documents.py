@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
 import math
@@ -13,8 +14,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import InputError
-from tactilevision.files.opening import MB, check, limit, read_bytes
+from tactilevision.errors import InputError, one_line
+from tactilevision.files.opening import MB, check, is_plain, limit, read_bytes
 
 _STRINGS = re.compile(  # and comments of TOML; one that is not closed ends with its line or the text: no way back
     r'''"""(?:\\.|[^\\"]|"(?!""))*+(?:""")?|"(?:\\.|[^"\\\n])*+"?|#[^\n]*+|'''
@@ -39,7 +40,7 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
     """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
     _check_nesting(_STRINGS.sub('""', text), where)
     try:
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
         line = re.search(r"line (\d+)", str(fault))
         place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
@@ -54,6 +55,17 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
         ) from fault
     except (ValueError, RecursionError, OverflowError) as fault:
         raise InputError(f"is not TOML: {fault}", where=where) from fault
+    _check_keys(content, where)
+    return content
+
+
+def _check_keys(content: object, where: object) -> None:
+    """Raise InputError for a key with a control character."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if not is_plain(key):
+            raise InputError("a key holds a control character", where=where, value=key, remedy="Remove it.")
+        for one in value if isinstance(value, list) else [value]:
+            _check_keys(one, where)
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
@@ -75,6 +87,11 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
         raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
     if not isinstance(content, dict):
         raise InputError("is not a table of JSON", where=where, value=type(content).__name__)
+    if "\\u" in text if isinstance(text, str) else b"\\u" in text:
+        try:
+            json.dumps(content, ensure_ascii=False).encode()
+        except UnicodeEncodeError as fault:
+            raise InputError("is not JSON: half of a letter stands alone (a surrogate)", where=where) from fault
     return content
 
 
@@ -115,6 +132,11 @@ def _check_nesting(text: str, where: object) -> None:
             check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
     digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
     check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
+
+
+def html_text(text: str) -> str:
+    """Return a text for HTML, with control characters spelt out."""
+    return html.escape(one_line(text))
 
 
 # Cells of CSV tables. A text that a spreadsheet would run as a formula, since it begins with = + - @ (also in full

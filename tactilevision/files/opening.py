@@ -6,7 +6,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.errors import InputError, TactilevisionError, one_line
 
 # Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
 # TACTILEVISION_MAX_PIXELS=200000000.
@@ -115,18 +115,11 @@ def damage(where: object, *, what: str = "is damaged", remedy: str = "Copy it ag
 
 MAX_NAME = 255  # bytes of a file's name; file systems take no more
 _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
-# control characters but the tab, line breaks, changes of the text's direction, surrogates of undecodable bytes
-_UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def is_plain(text: str) -> bool:
     """Return whether a table or a message can hold it: no line break, escape or NUL, and UTF-8."""
-    return _UNPLAIN.search(text) is None
-
-
-def as_plain(text: str) -> str:
-    """Return the same lines with every other control character spelt out (\\x1b), safe to print."""
-    return "\n".join(_UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
+    return one_line(text) == text
 
 
 def check_plain(name: str, *, where: object) -> None:
@@ -149,7 +142,7 @@ def inside(folder: Path, name: str, *, where: object) -> Path:
     check_plain(name, where=where)
     if len(name.encode(errors="replace")) > MAX_NAME:
         raise InputError("a name is longer than a file can have", where=where, value=f"{name[:40]}...")
-    if not name or _OUTWARD.search(name) or (_linked(folder, name) and not _within(path, folder)):
+    if not name or _OUTWARD.search(name) or (linked(folder, name) and not _within(path, folder)):
         raise InputError(
             "a name leads out of its folder",
             where=where,
@@ -159,7 +152,12 @@ def inside(folder: Path, name: str, *, where: object) -> Path:
     return path
 
 
-def _linked(folder: Path, name: str) -> bool:
+def real_path(path: Path | str) -> Path:
+    """Return the absolute path without links; one within a circle of links stays as it is."""
+    return Path(os.path.realpath(path))
+
+
+def linked(folder: Path, name: str) -> bool:
     """Return whether a part of the way from the folder to the file is a link."""
     place = os.fspath(folder)
     for part in re.split(r"[/\\]", name):
@@ -170,7 +168,7 @@ def _linked(folder: Path, name: str) -> bool:
 
 
 def _within(path: Path, folder: Path) -> bool:
-    return path.resolve().is_relative_to(folder.resolve())
+    return real_path(path).is_relative_to(real_path(folder))
 
 
 # Numbers in files: finite, and below what any sensor gives.
@@ -189,19 +187,6 @@ def number(value: object, *, what: str, where: object) -> float | None:
         raise InputError(f"{what} is no finite number", where=where, value=value)
     check(abs(value), "MAX_NUMBER", what=what, where=where)
     return float(value)
-
-
-def read_cells(cells: Sequence[str], *, where: object) -> list[float]:
-    """Read the numbers of a row of text, in their units; an empty cell is NaN.
-
-    Raises InputError for text that is none, and as `check_numbers` does.
-    """
-    try:
-        found = [float(cell or "nan") for cell in cells]
-    except ValueError as fault:
-        raise InputError("a cell holds no number", where=where, value=str(fault)[:80]) from fault
-    check_numbers(np.array(found), what="a cell", where=where)
-    return found
 
 
 def check_numbers(values: npt.NDArray[np.number], *, what: str, where: object) -> None:

@@ -18,7 +18,16 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactilevision.errors import OutputError, TactilevisionError
-from tactilevision.files.writing import PAUSE_S, clear_unfinished, make_folder, output_errors, process_runs
+from tactilevision.files.opening import real_path
+from tactilevision.files.writing import (
+    PAUSE_S,
+    clear_unfinished,
+    make_folder,
+    open_own,
+    output_errors,
+    process_runs,
+    writes_into,
+)
 
 if sys.platform != "win32":
     import fcntl
@@ -49,7 +58,7 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
         )
     target = Path(target)
     folder = target.parent if file else target
-    path = folder.resolve() / (f".{target.name}{LOCK}" if file else LOCK)
+    path = real_path(folder) / (f".{target.name}{LOCK}" if file else LOCK)
     here = os.getpid(), threading.get_ident()
     if _held.get(path) == here:
         yield
@@ -62,7 +71,8 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
     try:
         if left:
             clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
-        yield
+        with contextlib.nullcontext() if file else writes_into(folder):
+            yield
     except BaseException:  # workers may have ended while writing, and the next run finds no lock
         if not file:  # next to one file others write, from other machines too, and no workers of this run
             with contextlib.suppress(OSError):
@@ -84,9 +94,10 @@ def join_lock(folder: Path) -> bool:
     So a folder is free only when the workers of a killed run have ended too.
     """
     try:
-        handle = os.open(folder.resolve() / LOCK, os.O_RDWR)
+        handle = open_own(real_path(folder) / LOCK, os.O_RDWR)
     except FileNotFoundError:
         return False
+    writes_into(folder).__enter__()  # until this process ends
     return _flock(handle, shared=True) is not False and _read_owner(handle)[:1] == [str(os.getppid())]
 
 
@@ -122,8 +133,8 @@ def _sign(handle: int, path: Path) -> None:
 
 def _open(path: Path) -> tuple[int, bool]:
     with contextlib.suppress(FileExistsError):
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), True
-    return os.open(path, os.O_RDWR | os.O_CREAT, 0o666), False
+        return open_own(path, os.O_RDWR | os.O_CREAT | os.O_EXCL), True
+    return open_own(path, os.O_RDWR | os.O_CREAT), False
 
 
 def _take(handle: int, *, fresh: bool, owner: list[str]) -> bool:

@@ -9,6 +9,7 @@ import math
 import os
 import re
 import shutil
+import stat
 import tempfile
 import time
 import uuid
@@ -16,7 +17,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from tactilevision.errors import OutputError, Terminated
 
@@ -31,9 +32,78 @@ def plain_name(label: str) -> str:
     return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
 
 
+# Folders of results may be somebody else's: what lies in them is never written, removed or copied through a link.
+
+_OTHER = "Remove it, or choose another folder with --out."
+_folders: list[str] = []  # folders of results that this process writes, as they were named
+
+
+@contextmanager
+def writes_into(folder: Path | str) -> Iterator[None]:
+    """Refuse links below this folder, whatever is written, until the end."""
+    _folders.append(os.path.abspath(folder))
+    try:
+        yield
+    finally:
+        _folders.remove(os.path.abspath(folder))
+
+
+def check_links(path: Path | str) -> None:
+    """Raise OutputError where a folder between a folder of results and `path` in it is a link."""
+    place = Path(os.path.abspath(path))
+    for folder in place.parents:
+        if os.path.islink(folder) and any(folder.is_relative_to(one) and str(folder) != one for one in _folders):
+            raise OutputError("a folder of the results is a link, and not followed", where=folder, remedy=_OTHER)
+
+
+def open_own(path: Path | str, flags: int) -> int:
+    """Open a file of results to write and read, and return its number.
+
+    Raises OutputError for a link, a pipe, a device, and a file with a second name; OSError where the system
+    refuses.
+    """
+    check_links(path)
+    safe = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    try:
+        handle = os.open(path, flags | safe, 0o666)
+    except OSError as fault:
+        if fault.errno not in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+            raise
+        raise OutputError("is a link or no file, and is not written", where=path, remedy=_OTHER) from fault
+    about = os.fstat(handle)
+    if not stat.S_ISREG(about.st_mode) or about.st_nlink > 1:
+        os.close(handle)
+        raise OutputError("is no file, or has a second name, and is not written", where=path, remedy=_OTHER)
+    return handle
+
+
+def remove(path: Path) -> None:
+    """Remove a file, a link or a folder of results, if it is there."""
+    check_links(path)
+    with output_errors(path):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def copy_file(source: BinaryIO, target: Path) -> None:
+    """Copy an open file whole, and close it."""
+    with source, replacing(target) as temporary, temporary.open("wb") as file:
+        shutil.copyfileobj(source, file)
+
+
+def copy_own(source: Path, target: Path) -> None:
+    """Copy a file of results as `open_own` opens it: what a link leads to is not made public."""
+    with output_errors(source):
+        handle = open_own(source, os.O_RDONLY)
+    copy_file(os.fdopen(handle, "rb"), target)
+
+
 def make_folder(path: Path | str) -> Path:
     """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
     folder = Path(path)
+    check_links(folder / "file")
     with output_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -42,7 +112,7 @@ def make_folder(path: Path | str) -> Path:
 def append_text(path: Path | str, text: str) -> None:
     """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
     with output_errors(Path(path)):
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        handle = open_own(path, os.O_WRONLY | os.O_APPEND)
         try:
             os.write(handle, text.encode(errors="backslashreplace"))
         finally:
@@ -73,7 +143,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     which the file would replace.
     """
     target = Path(path)
-    _check_replaceable(target)
+    check_replaceable(target)
     temporary = target.parent / f"{unfinished()}{uuid.uuid4().hex}{target.suffix}"
     with output_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -87,8 +157,14 @@ def replacing(path: Path | str) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def _check_replaceable(target: Path) -> None:
-    """Raise OutputError for /dev/stdout, a device, a pipe or a folder, which a renamed file would replace."""
+def check_replaceable(target: Path) -> None:
+    """Raise OutputError for /dev/stdout, a device, a pipe or a folder, which a renamed file would replace.
+
+    A link is replaced itself, unless it leads to one of these; a folder on the way is none.
+    """
+    check_links(target)
+    if "\0" in str(target):
+        raise OutputError("a name holds a NUL", where=target, remedy="Choose another name.")
     with output_errors(target):
         there = os.path.lexists(target)
         plain = not target.exists() or target.is_file()
@@ -104,12 +180,12 @@ def staged(folder: Path | str) -> Iterator[Path]:
     stay. Raises OutputError as `replacing` does.
     """
     target = Path(folder)
+    make_folder(target)
     with output_errors(target):
-        target.mkdir(parents=True, exist_ok=True)
         clear_unfinished(target)
         stage = Path(tempfile.mkdtemp(prefix=unfinished(), dir=target))
     try:
-        with output_errors(target):
+        with output_errors(target), writes_into(target):
             yield stage
             try:
                 _move(stage, target)
@@ -121,8 +197,11 @@ def staged(folder: Path | str) -> Iterator[Path]:
 
 
 def _move(stage: Path, target: Path) -> None:
-    for path in sorted(p for p in stage.rglob("*") if p.is_file()):
-        place = target / path.relative_to(stage)
+    """Move all files, after it is known that each can be moved."""
+    moves = [(p, target / p.relative_to(stage)) for p in sorted(stage.rglob("*")) if p.is_file()]
+    for _, place in moves:
+        check_replaceable(place)
+    for path, place in moves:
         place.parent.mkdir(parents=True, exist_ok=True)
         path.replace(place)
 
@@ -175,6 +254,12 @@ def write_text(path: Path | str, text: str) -> None:
     """Write UTF-8 text, whole or not at all; bytes of a file's name that are no UTF-8 are written as \\udcXX."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def write_bytes(path: Path | str, content: bytes) -> None:
+    """Write bytes, whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def write_json(path: Path | str, content: object) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.files.tiff import masked, metadata
-from tactilevision.files.writing import output_errors, unfinished
+from tactilevision.files.writing import check_links, make_folder, output_errors, remove, unfinished
 from tactilevision.records.maps import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -75,6 +74,7 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
             made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
             codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
             chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
+            check_links(chunk)
             partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
             partial.write_bytes(codec.encode(np.ascontiguousarray(values, "<f4")))
             os.replace(partial, chunk)
@@ -110,8 +110,8 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
     import zarr
 
     _codec.cache_clear()
-    shutil.rmtree(scratch, ignore_errors=True)
-    scratch.parent.mkdir(parents=True, exist_ok=True)
+    remove(scratch)
+    make_folder(scratch.parent)
     group = zarr.open_group(str(scratch), mode="w", zarr_format=2)
     group.attrs.update(dict(about))
     return group
@@ -123,7 +123,7 @@ def settle(path: Path) -> None:
     with output_errors(path):
         if old.exists() and not path.exists():
             os.replace(old, path)
-    shutil.rmtree(old, ignore_errors=True)
+    remove(old)
 
 
 def _move(scratch: Path, path: Path) -> None:
@@ -131,7 +131,7 @@ def _move(scratch: Path, path: Path) -> None:
     if path.exists():
         os.replace(path, _old(path))
     os.replace(scratch, path)
-    shutil.rmtree(_old(path), ignore_errors=True)
+    remove(_old(path))
 
 
 def _old(path: Path) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.documents import csv_text
-from tactilevision.files.writing import replacing, write_text
+from tactilevision.files.writing import remove, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
@@ -79,7 +78,7 @@ class TractionStore:
         names = np.array([frames[number] for number in good], dtype=np.str_)
         with replacing(self.path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, frame=names, **arrays, **self._about())
-        shutil.rmtree(self.scratch)
+        remove(self.scratch)
 
     def _about(self) -> dict[str, Any]:
         step = self.grid.spacing_mm

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,8 @@ import numpy as np
 
 from tactilevision.batch.folder import peak_mm
 from tactilevision.errors import InputError
-from tactilevision.files.writing import replacing, write_text
+from tactilevision.files.documents import html_text as escape
+from tactilevision.files.writing import remove, replacing, write_text
 from tactilevision.plots import style
 from tactilevision.plots.height import (
     FLAT_MM,
@@ -374,7 +374,7 @@ def _write_video(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> boo
             writer.release()
             if temporary.stat().st_size > 0:
                 return True
-    path.unlink(missing_ok=True)
+    remove(path)
     return False
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.files.documents import cell_text, read_text
-from tactilevision.files.opening import read_cells
+from tactilevision.errors import TactilevisionError
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
+from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.tables import read_table
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import Footprint, HeightMap
 from tactilevision.records.measured import Floats, Pair
@@ -30,6 +28,7 @@ from tactilevision.robust import mad_std
 # the correction of the wall's law, and the depth of faces with it. Lengths in mm, times on the camera's clock.
 
 POINTS = "points.csv"
+_CERTIFIED = Columns(maybe_words=("press", "accepted"), maybe_numbers=("time_s", "depth_mm"))
 NEAR = 0.5  # of the radius: largest distance of a wall's centre from the face's
 
 
@@ -91,20 +90,14 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
     path = calibration.parent / POINTS
     if not path.is_file():
         return ()
-    found = []
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
-    except csv.Error as fault:
-        raise InputError(f"is not CSV: {fault}", where=path) from fault
-    for row in rows:
-        try:
-            time_s, depth_mm = read_cells([row["time_s"], row["depth_mm"]], where=path)
-            good = row["accepted"].strip().lower() in ("1", "true")
-        except (KeyError, TypeError, AttributeError, InputError):
-            continue
-        if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
-            found.append(Certified(cell_text(str(row.get("press"))), time_s, depth_mm))
-    return tuple(found)
+    table = read_table(path, _CERTIFIED)
+    words = [table.words.get(name, ()) for name in _CERTIFIED.maybe_words]  # without one of them none is certified
+    rows = zip(*words, table.optional("time_s"), table.optional("depth_mm"), strict=False)
+    return tuple(
+        Certified(press, float(time_s), float(depth_mm))
+        for press, accepted, time_s, depth_mm in rows
+        if accepted.lower() in ("1", "true") and np.isfinite(time_s) and depth_mm > 0
+    )
 
 
 def read_faces(

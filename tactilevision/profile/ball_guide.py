@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import number
+from tactilevision.files.opening import number, real_path
 from tactilevision.heightmap.ball_validation import RIM, dent_mm, unfit_warnings
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.local_page import Answer, LocalPage, page_files
@@ -126,9 +126,9 @@ def _unlisted(recording: Recording, radius_mm: float) -> Sequence[BallPress]:
     root = recording.path
     if is_gs_sdk_folder(root):
         return read_catalogue(root)[0]
-    folder, flats = _place(root)[0], {flat.resolve() for flat in recording.flats}
+    folder, flats = _place(root)[0], {real_path(flat) for flat in recording.flats}
     paths = [folder / name for name in list_images(folder)]
-    return [BallPress(path, radius_mm) for path in paths if path.resolve() not in flats]
+    return [BallPress(path, radius_mm) for path in paths if real_path(path) not in flats]
 
 
 def _place(root: Path) -> tuple[Path, Path]:

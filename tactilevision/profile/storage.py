@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 import cv2
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, found_in
 from tactilevision.files.arrays import read_archive, unpack_arrays
 from tactilevision.files.documents import parse_json
 from tactilevision.files.opening import damage, number
@@ -102,7 +102,7 @@ def _check_kind(path: Path | str) -> None:
 def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
     """Return the profile of the files in an archive; `path` names it in errors. Raises as `read_profile`."""
     about = _about(files, path)
-    with damage(path, what="the parts of the profile do not fit together", remedy=_AGAIN):
+    with damage(path, what="the parts of the profile do not fit together", remedy=_AGAIN), found_in(path):
         return _profile(about, files, path)
 
 
@@ -188,16 +188,12 @@ def _sensor(
     stated = about["sensor"]
     width, height, *frame = map(index, (stated["width_px"], stated["height_px"], *stated["frame_size_px"]))
     scale = [_number(one, "mm_per_px", path) for one in stated["mm_per_px"]]
-    if not all(one > 0 for one in scale):
-        raise InputError("mm_per_px must be above 0", where=path, value=scale)
     maps = None
     if MAPS in files:
         maps = maps_of(unpack_arrays(files[MAPS], where=path / MAPS), path / MAPS)
         if maps[0].shape != (height, width):
             raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
     gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
-    if gel is not None and not gel.thickness_mm > 0:
-        raise InputError("a gel's thickness must be above 0 mm", where=path, value=gel.thickness_mm)
     white = stated.get("white_level")
     kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
     sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)

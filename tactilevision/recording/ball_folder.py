@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import RecordingError, found_in
 from tactilevision.files.arrays import read_arrays
-from tactilevision.files.opening import check_numbers, inside
+from tactilevision.files.opening import check_numbers, inside, real_path
 from tactilevision.recording import layout
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.layout import Columns
@@ -56,8 +56,6 @@ def read_catalogue(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
 
 def _press(root: Path, table: Table, row: int) -> BallPress:
     diameter = float(table.numbers[DIAMETER][row])
-    if diameter <= 0:
-        raise table.fault(row, f"{DIAMETER} must be above 0", value=diameter)
     name = table.words["experiment_reldir"][row].replace("\\", "/").rstrip("/")
     folder = inside(root, name, where=table.path)
     picture = inside(folder, PICTURE, where=table.path)
@@ -67,7 +65,8 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
         )
     label = inside(folder, LABEL, where=table.path)
     centre, radius = read_label(label) if label.is_file() else (None, None)
-    return BallPress(picture, 0.5 * diameter, centre, radius, f"{name}/{PICTURE}")
+    with found_in(f"{table.path}, line {table.lines[row]}"):
+        return BallPress(picture, 0.5 * diameter, centre, radius, f"{name}/{PICTURE}")
 
 
 def read_label(path: Path) -> tuple[tuple[float, float], float]:
@@ -135,7 +134,7 @@ def read_ball_folder(
             notes += ("labels of gs_sdk are ignored: they are not in the rectified frame",)
     else:
         balls, notes = _alike(folder, found, ball_radius_mm), ()
-    return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
+    return replace(found, path=root, name=real_path(root).name, balls=balls, warnings=found.warnings + notes)
 
 
 def place_of_balls(root: Path) -> tuple[Path, Path] | None:
@@ -154,6 +153,6 @@ def _alike(folder: Path, found: Recording, radius_mm: float | None) -> tuple[Bal
             where=folder,
             remedy=f"State it with --ball-radius-mm, or in {TABLE} (frame, ball_radius_mm).",
         )
-    flats = {flat.resolve() for flat in found.flats}
-    names = [name for name in list_images(folder) if (folder / name).resolve() not in flats]
+    flats = {real_path(flat) for flat in found.flats}
+    names = [name for name in list_images(folder) if real_path(folder / name) not in flats]
     return tuple(BallPress(folder / name, radius_mm) for name in names)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.errors import RecordingError
+from tactilevision.files.opening import real_path
 from tactilevision.recording import layout
 from tactilevision.recording.images import stated_frames
 from tactilevision.recording.layout import some
@@ -144,7 +145,7 @@ def read_folder(
         warnings += guessed + notes
     return Recording(
         path=root,
-        name=root.resolve().name,
+        name=real_path(root).name,
         sensor=_scaled(sensor, mm_per_px),
         frames_path=frames_path,
         frame_names=names,

@@ -12,15 +12,16 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, RecordingError
+from tactilevision.errors import InputError, RecordingError, one_line
 from tactilevision.recording import layout
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
+from tactilevision.records.ranges import Ranged
 from tactilevision.records.rig import Indenter, Press, Sensor
 
 
 @dataclass(frozen=True, slots=True)
-class BallPress:
+class BallPress(Ranged):
     """A ball pressed into the gel for photometric calibration.
 
     `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None: not recorded. `frame` is its name
@@ -49,7 +50,7 @@ class BadFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class StageSeries:
+class StageSeries(Ranged):
     """Place of the motion stage, `z_mm` (T,) growing into the gel, at `time_s` (T,) on the F/T sensor's clock."""
 
     time_s: Floats
@@ -95,6 +96,9 @@ class Recording:
     extra: Mapping[str, Mapping[str, npt.NDArray[Any]]] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "warnings", tuple(map(one_line, self.warnings)))
 
 
 Need = Literal[

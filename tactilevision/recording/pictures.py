@@ -36,7 +36,6 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
-MAX_RADIUS_MM = 1000  # of a ball: a larger one is a plane on any gel
 _SIZED = 7  # pictures of a bare folder whose sizes are compared
 _MAX_TRIALS = 10  # pictures to try for the size
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
@@ -175,9 +174,6 @@ def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[s
     below = {name for name in names if inside(folder, name, where=path).is_file()}  # also in folders below
     _check_present(table, names, set(images) | below)
     radius = table.numbers["ball_radius_mm"]
-    for row in np.flatnonzero((radius <= 0) | (radius > MAX_RADIUS_MM)):
-        bound = "above 0" if radius[row] <= 0 else f"at most {MAX_RADIUS_MM:g}"
-        raise table.fault(int(row), f"ball_radius_mm must be {bound}", value=float(radius[row]))
     unlikely = bool((radius > 100).any())
     warning = f"{path.name}: ball_radius_mm = {radius.max():g} is very large: is it in micrometres?"
     return tuple(_ball(table, row, folder) for row in range(len(radius))), (warning,) * unlikely

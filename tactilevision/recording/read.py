@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import RecordingError, found_in
+from tactilevision.files.opening import real_path
 from tactilevision.recording import layout, pictures
 from tactilevision.recording.layout import some
 from tactilevision.recording.model import BallPress, Recording
@@ -254,14 +255,13 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
 
     root = Path(path)
     toml = _find_settings(root)
-    content = load_toml(toml)
-    settings, news = check_settings(content, toml)
+    settings, content, news = check_settings(load_toml(toml), toml)
     missing = {key: value for key, value in (sensor or {}).items() if getattr(settings.sensor, key) is None}
     settings = settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
-    indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
+    indenters = {name: _indenter(name, table, toml) for name, table in settings.indenter.items()}
     recording = Recording(
         path=root,
-        name=settings.name or root.resolve().name,
+        name=settings.name or real_path(root).name,
         sensor=Sensor("custom", 0, 0, (float("nan"), float("nan"))),
         date=settings.date,
         force_std_N=as_three(settings.force.std_N) if settings.force.std_N else None,
@@ -421,6 +421,7 @@ def _extra(table: Table) -> dict[str, Columns]:
     return {table.path.name: table.extra} if table.extra else {}
 
 
-def _indenter(name: str, settings: IndenterSettings) -> Indenter:
+def _indenter(name: str, settings: IndenterSettings, toml: Path) -> Indenter:
     found = settings.model_dump(include=set(Indenter.__dataclass_fields__) - {"name"}, exclude_none=True)
-    return Indenter(name=name, **found)
+    with found_in(toml, f"[indenter.{name}]"):
+        return Indenter(name=name, **found)

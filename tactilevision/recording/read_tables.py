@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import RecordingError, found_in
 from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
 from tactilevision.recording.model import StageSeries
@@ -48,9 +48,6 @@ def _check_once(table: Table, column: str, *, remedy: str) -> None:
             )
 
 
-MAX_FORCE_N = 1_000_000  # N: more is another unit, or a broken file
-
-
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
     """Read forces.csv, turned into the rectified frame's axes.
 
@@ -63,13 +60,6 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
     check_time(table, time_s)
     turn = rotation(settings, toml)
     readings = np.column_stack([table.numbers[name] for name in ("fx_N", "fy_N", "fz_N")])
-    for row in np.flatnonzero(np.abs(readings).max(axis=1) > MAX_FORCE_N)[:1]:
-        raise table.fault(
-            int(row),
-            f"a force exceeds {MAX_FORCE_N:,} N",
-            value=float(np.abs(readings[row]).max()),
-            remedy="Forces are in N.",
-        )
     std = np.array(settings.std_N) if settings.std_N else step_noise(readings)
     torque = None
     if all(name in table.numbers for name in ("tx_Nm", "ty_Nm", "tz_Nm")):
@@ -161,7 +151,7 @@ _KINDS = ("float", "str", "int | None", "bool | None")  # of its fields, in the 
 _DETAILS = sorted(fields(CertificationDetails), key=lambda field: _KINDS.index(str(field.type)))
 _COLUMNS = {_RENAMED.get(field.name, field.name): field for field in _DETAILS}
 _PROFILE = ("slope_gain_std", "ball_slope")
-_DROP = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
+_DROP = re.compile(r"fall_(\d+)_(\d+(?:\.\d+)?)_(\d+(?:\.\d+)?)_mm")
 
 
 def point_columns(point: CertifiedPoint) -> dict[str, Any]:
@@ -256,9 +246,6 @@ def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Ce
     """Read points.csv; depth and force may be empty only where `accepted` is false."""
     table = read_table(path, layout.POINT_COLUMNS)
     check_indenters(table, indenters)
-    for name in ("depth_std_mm", "fz_std_N"):
-        for row in np.flatnonzero(table.optional(name) < 0).tolist():
-            raise table.fault(row, f"{name} must be at least 0", value=float(table.numbers[name][row]))
     return tuple(_point(table, row) for row in range(len(table.lines))), table
 
 
@@ -331,14 +318,15 @@ def _point(table: Table, row: int) -> CertifiedPoint:
             raise table.fault(
                 row, f"column {name} holds no number", remedy="Remove the row, or set accepted to false."
             )
-    return CertifiedPoint(
-        table.words["press"][row],
-        table.words["indenter"][row],
-        **numbers,
-        accepted=accepted,
-        reason=reason,
-        **split_columns(_extra(table, row)),
-    )
+    with found_in(f"{table.path}, line {table.lines[row]}"):
+        return CertifiedPoint(
+            table.words["press"][row],
+            table.words["indenter"][row],
+            **numbers,
+            accepted=accepted,
+            reason=reason,
+            **split_columns(_extra(table, row)),
+        )
 
 
 def _extra(table: Table, row: int) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, RecordingError
+from tactilevision.errors import InputError, RecordingError, found_in
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.opening import check_numbers, inside
 from tactilevision.recording.layout import nearest
@@ -46,7 +46,7 @@ def build_sensor(
     width_px, height_px = _stated_size(settings, straight, toml) or (None, None)
     given: dict[str, Any] = {
         "serial": settings.serial,
-        "gel": _gel(settings.gel),
+        "gel": _gel(settings.gel, toml),
         "rectification": maps,
         "has_markers": settings.has_markers,
         "mm_per_px": None if settings.mm_per_px is None else tuple(settings.mm_per_px),
@@ -169,13 +169,14 @@ def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) ->
     return (stated[0], stated[1]) if stated[0] is not None and stated[1] is not None else None
 
 
-def _gel(settings: GelSettings | None) -> Gel | None:
+def _gel(settings: GelSettings | None, toml: Path) -> Gel | None:
     if settings is None:
         return None
     found = settings.model_dump(include=set(Gel.__dataclass_fields__))
     guess = "disc" if settings.radius_mm else "rectangle" if settings.size_mm else "unbounded"
     size = None if settings.size_mm is None else tuple(settings.size_mm)
-    return Gel(**(found | {"shape": settings.shape or guess, "size_mm": size}))
+    with found_in(toml, "[sensor.gel]"):
+        return Gel(**(found | {"shape": settings.shape or guess, "size_mm": size}))
 
 
 def _by(size: tuple[int, ...]) -> str:

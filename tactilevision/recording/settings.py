@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
@@ -21,11 +22,12 @@ from pydantic import (
 
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files.documents import parse_toml, read_text
-from tactilevision.files.opening import limit
+from tactilevision.files.opening import is_plain, limit
 from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
+from tactilevision.recording.units import same_quantity, scaled, with_own_unit
 from tactilevision.records.constants import Z95
-from tactilevision.sensors import MAX_SCALE, MIN_SCALE
+from tactilevision.records.ranges import SCALE
 
 # Keys of recording.toml, with units and bounds.
 
@@ -58,13 +60,20 @@ def _ball(value: Any) -> Any:
     return "sphere" if value == "ball" else value
 
 
+def _one_line(value: str) -> str:
+    if not is_plain(value):
+        raise ValueError("must be one line without control characters")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_one_line)]
 MAX_SIDE = 1_000_000  # px in a row of a picture
 Number = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
 Poisson = Annotated[float, AfterValidator(_finite), Field(ge=0, le=0.5)]
 Two = Annotated[list[Positive], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
-Scale = Annotated[float, AfterValidator(_finite), Field(ge=MIN_SCALE, le=MAX_SCALE)]
+Scale = Annotated[float, AfterValidator(_finite), Field(ge=SCALE[0], le=SCALE[1])]
 Scales = Annotated[list[Scale], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
 Three = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
 Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -107,8 +116,8 @@ class GelSettings(_Settings):
 class SensorSettings(_Settings):
     """[sensor]"""
 
-    kind: str | None = None
-    serial: str = ""
+    kind: Text | None = None
+    serial: Text = ""
     mm_per_px: Scales | None = None
     width_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
     height_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
@@ -142,9 +151,9 @@ class ClockSettings(_Settings):
 class LogSettings(_Settings):
     """[log]: source of an imported recording."""
 
-    source: str = ""
-    frames: str = ""
-    wrench: str | None = None
+    source: Text = ""
+    frames: Text = ""
+    wrench: Text | None = None
     clock: Literal["header", "log"] = "header"
     origin_ns: Annotated[int, Field(ge=0, lt=LAST_NS)] = 0
 
@@ -174,7 +183,7 @@ class Settings(_Settings):
     """The whole file."""
 
     format: int
-    name: str = ""
+    name: Text = ""
     date: Annotated[datetime.date, BeforeValidator(_day)] | None = None
     sensor: SensorSettings = SensorSettings()
     force: ForceSettings = ForceSettings()
@@ -222,13 +231,17 @@ def load_toml(path: Path) -> dict[str, Any]:
         raise RecordingError(fault.what, where=fault.where, value=fault.value, remedy=fault.remedy) from fault
 
 
-def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
-    """Check the settings; return them and a warning for each key without a meaning and each implausible value.
+def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, dict[str, Any], tuple[str, ...]]:
+    """Check the settings; return them, the content in the format's units, and warnings.
+
+    A warning names each key of another unit, each without a meaning, and each implausible value.
 
     Raises RecordingError for an unknown format, for a key that resembles an absent known one (a slip, or a missing
     unit), and for impossible values.
     """
     _check_format(content, path)
+    news: list[str] = []
+    content = _in_units(Settings, content, (), path=path, news=news)
     unknown = list(_unknown(Settings, content, ()))
     for place, value, meant in unknown:
         if meant:
@@ -236,19 +249,19 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple
                 f"{_key(place)} is not known",
                 where=path,
                 value=None if isinstance(value, dict) else value,
-                remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
+                remedy=f"Did you mean {with_own_unit(str(place[-1]), meant)}?"
+                + (" Units are part of the name." if "_" in meant else ""),
             )
     _check_twice(content, (), path)
     try:
         settings = Settings.model_validate(content)
     except ValidationError as fault:
         raise _translated(fault, path) from None
-    news = []
     for place, _, _ in unknown:
         homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
         home = f"; it has one in {homes[0]}" if homes else " and is ignored"
         news.append(f"{path.name}: {_key(place)} has no meaning here{home}")
-    return settings, (*news, *_implausible(content, path))
+    return settings, content, (*news, *_implausible(content, path))
 
 
 def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
@@ -259,7 +272,7 @@ def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, t
     if "sensor" not in content:
         raise RecordingError("the table [sensor] is missing", where=path, remedy="Put kind = ... under [sensor].")
     alone = {"format": layout.FORMAT, "sensor": content["sensor"]}
-    settings, warnings = check_settings(alone, path)
+    settings, _, warnings = check_settings(alone, path)
     return settings.sensor, warnings
 
 
@@ -305,6 +318,42 @@ def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
                 value=numbers[std],
                 remedy=f"A std is the interval's length over {2 * Z95:g}; state it alone.",
             )
+
+
+def _in_units(
+    model: type[BaseModel], content: Mapping[str, Any], place: _Place, *, path: Path, news: list[str]
+) -> dict[str, Any]:
+    """Return the content with keys of another unit as the format names them; `news` gains a sentence for each."""
+    made: dict[str, Any] = {}
+    for key, value in content.items():
+        known = model.model_fields.get(key)
+        found = None if known is not None else same_quantity(key, model.model_fields)
+        table = None if known is None else _table_of(known.annotation)
+        if known is not None and table is not None and isinstance(value, dict):
+            inner = partial(_in_units, table, path=path, news=news)
+            many = get_origin(known.annotation) is dict
+            made[key] = (
+                {n: inner(v, (*place, key, n)) if isinstance(v, dict) else v for n, v in value.items()}
+                if many
+                else inner(value, (*place, key))
+            )
+        elif found is not None and _are_numbers(value):
+            name, factor = found
+            if name in content:
+                what = f"{_key((*place, key))} states what {name} states too"
+                raise RecordingError(what, where=path, value=value, remedy="Keep one of them.")
+            made[name] = (
+                [scaled(one, factor) for one in value] if isinstance(value, list) else scaled(value, factor)
+            )
+            news.append(f"{path.name}: {_key((*place, key))} is read as {name} = {made[name]}")
+        else:
+            made[key] = value
+    return made
+
+
+def _are_numbers(value: Any) -> bool:
+    listed = value if isinstance(value, list) else [value]
+    return all(isinstance(one, int | float) and not isinstance(one, bool) for one in listed)
 
 
 def _unknown(

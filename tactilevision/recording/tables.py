@@ -8,8 +8,9 @@ import itertools
 import math
 import re
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,11 @@ from tactilevision.errors import RecordingError
 from tactilevision.files.documents import cell_text
 from tactilevision.files.opening import check, check_numbers, is_plain, open_regular
 from tactilevision.recording.layout import Columns, nearest
+from tactilevision.recording.units import BRACKETS, fault_of_unit, same_quantity, scaled, with_own_unit
 from tactilevision.records.measured import Floats
+from tactilevision.records.ranges import impossible, outside
 
+_Factors = Mapping[str, tuple[str, Fraction]]  # by name in the format: the file's own name, and the factor
 _ROWS_AT_ONCE = 4096  # rows read at once
 _MARKED = re.compile(r"[+-]?[0-9]*(?:[,._'’\s][0-9]+)+")  # a number with a decimal comma, or marked thousands
 
@@ -79,7 +83,7 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
 
 
 def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
-    header = _header(path, next(rows, None), columns)
+    header, factors = _header(path, next(rows, None), columns)
     lines = array("q")
     numeric = columns.numbers + columns.gap_numbers + columns.maybe_numbers
     numbers = {name: array("d") for name in header if name in numeric}
@@ -89,7 +93,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
         for name, cells in zip(header, zip(*chunk, strict=True), strict=True):
             if name in numbers:
                 empty_allowed = name not in columns.numbers
-                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
+                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed, factors.get(name)))
             else:
                 texts[name].extend(cell_text(cell.strip()).strip() for cell in cells)
     if not lines:
@@ -102,7 +106,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
         numbers={name: np.array(values) for name, values in numbers.items()},
         words={name: texts[name] for name in header if name in columns.words + columns.maybe_words},
         extra={name: _guess(texts[name]) for name in header if name not in columns.known},
-        warnings=_misspelt(path, header, columns),
+        warnings=(*_converted(path, factors), *_misspelt(path, header, columns)),
     )
     _check_words(table, columns)
     return table
@@ -118,7 +122,8 @@ def _check_words(table: Table, columns: Columns) -> None:
                 raise table.fault(row, f"column {name} holds a control character", value=word, remedy="Remove it.")
 
 
-def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
+def _header(path: Path, cells: list[str] | None, columns: Columns) -> tuple[list[str], _Factors]:
+    """Return the columns' names, those of another unit as the format names them, and their own name and factor."""
     if not cells:
         raise RecordingError("is empty", where=path, remedy=f"Give it a header: {','.join(columns.required)}.")
     check(len(cells), "MAX_COLUMNS", what="its columns", where=f"{path}, line 1")
@@ -133,21 +138,46 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
             )
     if any("\0" in name for name in header):
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
+    for name in header:
+        if not is_plain(name):
+            what = "the name of a column holds a control character"
+            raise RecordingError(what, where=f"{path}, line 1", value=name, remedy="Remove it.")
+    factors: dict[str, tuple[str, Fraction]] = {}
+    for place, name in enumerate(header):
+        found = None if name in columns.known else same_quantity(name, columns.known)
+        if found is not None:
+            header[place], factors[found[0]] = found[0], (name, found[1])
+    _check_names(f"{path}, line 1", header, columns, factors)
+    return header, factors
+
+
+def _check_names(where: str, header: list[str], columns: Columns, factors: _Factors) -> None:
+    """Raise RecordingError for a column twice, also in two units, a missing one, and an unknown unit."""
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise RecordingError(f"column {twice[0]} occurs twice in the header", where=f"{path}, line 1")
+        other = f", once as {factors[twice[0]][0]}" if twice[0] in factors else ""
+        raise RecordingError(f"column {twice[0]} occurs twice in the header{other}", where=where)
     missing = [name for name in columns.required if name not in header]
+    further = [name for name in header if name not in columns.known]
     if missing:
-        near = nearest(missing[0], [name for name in header if name not in columns.known])
-        remedy = f"Rename {near} to {missing[0]}, if that is what it holds." if near else ""
+        near = nearest(missing[0], further)
+        remedy = f"Rename {near} to {with_own_unit(near, missing[0])}, if that is what it holds." if near else ""
+        remedy = next((f"{fault}." for name in further if (fault := fault_of_unit(name, missing))), remedy)
         if header[0].startswith("#"):
             remedy = "The first line names the columns: remove comments."
         raise RecordingError(
-            f"column {', '.join(missing)} is missing; there are {', '.join(header)}",
-            where=f"{path}, line 1",
-            remedy=remedy,
+            f"column {', '.join(missing)} is missing; there are {', '.join(header)}", where=where, remedy=remedy
         )
-    return header
+    for name in filter(BRACKETS.fullmatch, further):  # without brackets it may be the name of another quantity
+        if fault := fault_of_unit(name, columns.known):
+            raise RecordingError(f"column {fault}", where=where)
+
+
+def _converted(path: Path, factors: _Factors) -> Iterator[str]:
+    """Yield a sentence for each column of another unit."""
+    for name, (own, factor) in factors.items():
+        if factor != 1:
+            yield f"{path.name}: column {own} is read as {name}, times {float(factor):g}"
 
 
 def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list[list[str]]]]:
@@ -165,7 +195,14 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
         yield [line for line, _ in some], [row for _, row in some]
 
 
-def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
+def _numbers(
+    path: Path,
+    name: str,
+    cells: Sequence[str],
+    lines: list[int],
+    empty_allowed: bool,
+    converted: tuple[str, Fraction] | None,
+) -> Floats:
     try:
         if "_" in "".join(cells):
             raise ValueError  # float() ignores it
@@ -181,6 +218,13 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
             where=f"{path}, line {lines[first]}",
             value=cells[first],
             remedy=_remedy(cells[first].strip(), line=lines[first]),
+        )
+    if converted is not None:
+        values = scaled(values, converted[1])
+    remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * empty_allowed
+    for row in np.flatnonzero(outside(values, name))[:1]:
+        raise RecordingError(
+            impossible(name), where=f"{path}, line {lines[row]}", value=float(values[row]), remedy=remedy
         )
     check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactilevision.records.measured import Pair
+from tactilevision.records.ranges import Ranged
 
 # The certified point of a press: depth and force at the contact event, and how they were certified.
 
@@ -25,7 +26,7 @@ REASONS = (
 
 
 @dataclass(frozen=True, slots=True)
-class EdgeDrop:
+class EdgeDrop(Ranged):
     """Drop of the gel's surface between two distances from the face's edge, as the picture reads it.
 
     `azimuth_deg` is the middle of a quarter (0 right, 90 down); `from_mm` and `to_mm` lie beyond the edge, to
@@ -39,7 +40,7 @@ class EdgeDrop:
 
 
 @dataclass(frozen=True, slots=True)
-class EdgeProfile:
+class EdgeProfile(Ranged):
     """The gel's surface beside the face of one press, as drops by place.
 
     `slope_gain_std` is the relative std of the slopes of a quarter; `ball_slope` the steepest slope (mm/mm) that
@@ -52,7 +53,7 @@ class EdgeProfile:
 
 
 @dataclass(frozen=True, slots=True)
-class CertificationDetails:
+class CertificationDetails(Ranged):
     """How the depth and the force of one press were certified; NaN, None or "" where it is not known.
 
     `pile_up_ratio` is the gel's rise at the bevel over the depth; `tilt_std_mm` what faces that tilt from press to
@@ -87,7 +88,7 @@ class CertificationDetails:
 
 
 @dataclass(frozen=True, slots=True)
-class CertifiedPoint:
+class CertifiedPoint(Ranged):
     """Certified depth of one press, and the force at that depth.
 
     `accepted` is False with a `reason` (one of REASONS) where the press cannot be trusted; its numbers, as

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.records.constants import Z95
+from tactilevision.records.ranges import Ranged, check_ranges
 
 Array = npt.NDArray[np.floating[Any]]
 Picture = npt.NDArray[np.float32]  # or several: planes (n, H, W)
@@ -47,7 +48,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class ForceSeries:
+class ForceSeries(Ranged):
     """Force against time on the F/T sensor's clock: `time_s` (T,), `force_N` (T, 3), `std_N` (3,) of one reading.
 
     `torque_Nm` (T, 3) and `temperature_C` (T,) if they were recorded.
@@ -65,7 +66,8 @@ class Curve:
     """One whole press on one clock.
 
     `time_s`, `depth_mm` (T,), `force_N` (T, 3), `phase` (T,) of "free", "load", "hold", "unload" or "";
-    `z_mm` (T,) of the motion stage, if there is one. Rows of phase "free" precede or follow contact.
+    `z_mm` (T,) of the motion stage, if there is one. Rows of phase "free" precede or follow contact. A
+    logger's codes are possible: the fit excludes and names such samples.
     """
 
     press: str
@@ -117,6 +119,7 @@ class Material:
                 value=self.poisson_ratio,
                 remedy="For an incompressible gel take 0.4999.",
             )
+        check_ranges(self)
 
     @property
     def shear_modulus_MPa(self) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Pair, Picture
+from tactilevision.records.ranges import Ranged, check_ranges
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -33,6 +34,7 @@ class Gel:
     youngs_modulus_std_MPa: float | None = None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         sizes = {"disc": ("radius_mm", self.radius_mm), "rectangle": ("size_mm", self.size_mm), "unbounded": None}
         if self.shape not in sizes:
             raise InputError(
@@ -47,7 +49,7 @@ class Gel:
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class Sensor(Ranged):
     """A camera looking at a gel.
 
     `mm_per_px` is (x, y) in the rectified frame of `width_px` by `height_px`. `rectification` is (map_x, map_y),
@@ -66,7 +68,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Indenter:
+class Indenter(Ranged):
     """A rigid body that is pressed into the gel.
 
     `height_mm` is the height of its face over the bevel's nearest edge, as machined; `bevel` the bevel's side in
@@ -88,7 +90,7 @@ class Indenter:
 
 
 @dataclass(frozen=True, slots=True)
-class Press:
+class Press(Ranged):
     """One press of the protocol. NaN: not recorded. `extra` holds columns that have no field here."""
 
     press: str

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -15,7 +14,8 @@ import numpy as np
 
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.documents import read_json
-from tactilevision.files.writing import staged, write_text
+from tactilevision.files.opening import open_regular
+from tactilevision.files.writing import copy_file, replacing, staged, write_text
 from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import Frame
@@ -220,14 +220,16 @@ class _Work:
         """Write one table of frames with the new columns."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         target = folder / source.relative_to(self.dataset.root)
-        target.parent.mkdir(parents=True, exist_ok=True)
         batches = parts(source)
         old = next(batches).schema
         whole = arrow.schema([*old, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
         packing = {f"{self.base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
-        with parquet.ParquetWriter(
-            target, whole, compression="zstd", use_dictionary=False, column_encoding=packing
-        ) as writer:
+        with (
+            replacing(target) as temporary,
+            parquet.ParquetWriter(
+                temporary, whole, compression="zstd", use_dictionary=False, column_encoding=packing
+            ) as writer,
+        ):
             for batch in batches:
                 readings = list(islice(self.readings, batch.num_rows))
                 columns = self._taken(readings)
@@ -254,13 +256,12 @@ class _Work:
         """Write the tables of episodes with the statistics of the new features."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         for name in episode_files(self.dataset.root):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            with ExitStack() as stack:
+            with replacing(folder / name) as temporary, ExitStack() as stack:
                 writer = None
                 for batch in parts(self.dataset.file(name)):
                     table = self._with_statistics(arrow.Table.from_batches([batch]))
                     if table.num_rows and writer is None:
-                        new = parquet.ParquetWriter(folder / name, table.schema, compression="zstd")
+                        new = parquet.ParquetWriter(temporary, table.schema, compression="zstd")
                         writer = stack.enter_context(new)
                     if writer is not None:
                         writer.write_table(table)
@@ -310,8 +311,7 @@ def _copy_rest(dataset: DataSet, folder: Path) -> None:
         name = path.relative_to(dataset.root)
         target = folder / name
         if path.is_file() and not target.exists() and not any(part.startswith(".") for part in name.parts):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(dataset.file(name.as_posix()), target)
+            copy_file(open_regular(dataset.file(name.as_posix())), target)
 
 
 def _type(feature: dict[str, Any]) -> Any:

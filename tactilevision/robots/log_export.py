@@ -14,7 +14,7 @@ import numpy as np
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
-from tactilevision.files.writing import output_errors, replacing, unfinished
+from tactilevision.files.writing import check_replaceable, make_folder, output_errors, replacing, unfinished
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
@@ -70,13 +70,13 @@ def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
     else:
         bags = library("rosbags.rosbag2")
         storage = bags.StoragePlugin.MCAP if path.suffix else bags.StoragePlugin.SQLITE3
-        with output_errors(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with TemporaryDirectory(prefix=unfinished(), dir=path.parent) as scratch:
-                whole = Path(scratch) / path.stem  # an MCAP file of that name in it
-                with bags.Writer(whole, version=8, storage_plugin=storage) as bag:
-                    yield _putter(bag, "cdr"), "cdr"
-                (whole / path.name if path.suffix else whole).replace(path)
+        check_replaceable(path)
+        make_folder(path.parent)
+        with output_errors(path), TemporaryDirectory(prefix=unfinished(), dir=path.parent) as scratch:
+            whole = Path(scratch) / path.stem  # an MCAP file of that name in it
+            with bags.Writer(whole, version=8, storage_plugin=storage) as bag:
+                yield _putter(bag, "cdr"), "cdr"
+            (whole / path.name if path.suffix else whole).replace(path)
 
 
 def _putter(bag: Any, encoding: str) -> Put:

@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import staged, write_text
+from tactilevision.files.writing import make_folder, staged, write_bytes, write_text
 from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.folder import guess_scale
@@ -188,12 +188,12 @@ def _messages(
     names: list[str] = []
     stamps: list[Stamp] = []
     readings: list[WrenchReading] = []
-    (folder / layout.FRAMES).mkdir()
+    make_folder(folder / layout.FRAMES)
     for _, one in read_log(log, topics, picture=settings.frames, wrench=settings.wrench):
         if isinstance(one, Picture):
             names.append(f"{len(names):07d}{one.suffix}")
             stamps.append(one.stamp)
-            (folder / layout.FRAMES / names[-1]).write_bytes(one.data)
+            write_bytes(folder / layout.FRAMES / names[-1], one.data)
         else:
             readings.append(one)
     for topic, count in ((settings.frames, len(stamps)), (settings.wrench, len(readings))):

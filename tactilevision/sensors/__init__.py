@@ -9,6 +9,7 @@ import dataclasses
 from typing import Any
 
 from tactilevision.errors import InputError, check_known
+from tactilevision.records.ranges import SCALE
 from tactilevision.records.rig import Sensor
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
@@ -55,9 +56,6 @@ _THICKNESS_MM = {
 # of the thickness: a bonded layer stiffens as (1 - w/h)^-3, here 125 times (Johnson, Contact Mechanics, 5.8)
 MAX_COMPRESSION = 0.8
 
-MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
-MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
-
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:
     """Return the sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
@@ -100,10 +98,10 @@ def deepest_mm(sensor: Sensor) -> float:
 
 
 def check_scale(mm_per_px: float, *, where: str) -> None:
-    """Raise InputError for a scale below MIN_SCALE, above MAX_SCALE, or not a number."""
-    if not MIN_SCALE <= mm_per_px <= MAX_SCALE:
+    """Raise InputError for a scale outside of SCALE, or not a number."""
+    if not SCALE[0] <= mm_per_px <= SCALE[1]:
         raise InputError(
-            f"a scale lies between {MIN_SCALE:g} and {MAX_SCALE:g} mm per pixel",
+            f"a scale lies between {SCALE[0]:g} and {SCALE[1]:g} mm per pixel",
             where=where,
             value=mm_per_px,
             remedy="State a length on the gel in mm over its length in the picture in pixels: most are .02 to .1.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 
 from tactilevision.errors import OutputError
 from tactilevision.files.runs import LOCK, output_lock
-from tactilevision.files.writing import write_text
+from tactilevision.files.writing import remove, write_bytes, write_text
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress as BallRecord, Recording
 from tactilevision.recording.write import write_image, write_recording
@@ -180,16 +179,9 @@ def _clear(folder: Path) -> None:
             remedy="Name a folder that is empty or not there yet.",
         )
     tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
-    try:  # settings first: without them it is no recording
-        for name in (layout.SETTINGS, *tables, layout.BALL_TABLE):
-            (folder / name).unlink(missing_ok=True)
-        for name in (layout.FRAMES, layout.FLATS, layout.BALLS):
-            if (folder / name).is_dir():
-                shutil.rmtree(folder / name)
-    except OSError as fault:
-        raise OutputError(
-            f"cannot be cleared: {fault.strerror or fault}", where=folder, remedy="Choose another folder."
-        ) from fault
+    # settings first: without them it is no recording
+    for name in (layout.SETTINGS, *tables, layout.BALL_TABLE, layout.FRAMES, layout.FLATS, layout.BALLS):
+        remove(folder / name)
 
 
 def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
@@ -254,7 +246,7 @@ def _pictured(
             progress(done := done + 1, total)
     if options.torn_frame:  # cut in half, as by a full disk or a lost connection
         path = folder / layout.FRAMES / names[_unimportant(plan)]
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        write_bytes(path, path.read_bytes()[: path.stat().st_size // 2])
     records = tuple(
         BallRecord(folder / layout.BALLS / f"{i:02d}.png", ball.radius_mm) for i, ball in enumerate(balls)
     )

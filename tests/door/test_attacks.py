@@ -262,7 +262,7 @@ def test_a_picture_of_nothing_is_never_a_depth(kind: str) -> None:
 def test_a_force_that_no_gel_bears_is_refused_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "forces.csv"
     path.write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,1\n0.01,0,0,2e6\n0.02,0,0,1\n")
-    with pytest.raises(InputError, match="line 3: a force exceeds"):
+    with pytest.raises(InputError, match="line 3: fz_N must lie between"):
         read_forces(path, ForceSettings(), toml=tmp_path / "recording.toml")
 
 

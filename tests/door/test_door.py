@@ -18,7 +18,7 @@ from hypothesis import example, given, settings, strategies as st
 from tactilevision.errors import InputError
 from tactilevision.files.arrays import read_archive, read_array, read_arrays
 from tactilevision.files.documents import parse_toml, read_json
-from tactilevision.files.opening import check_numbers, inside, limit, number, open_regular, read_bytes, read_cells
+from tactilevision.files.opening import check_numbers, inside, limit, number, open_regular, read_bytes
 from tactilevision.files.pictures import UnknownPictureError, check_picture, is_cut, picture_size
 
 OUTWARD = ["../a.png", "a/../../b.png", "/etc/passwd", "~/a.png", "C:\\a.png", "..\\a.png", ""]
@@ -211,8 +211,6 @@ def test_a_gap_passes_where_an_infinite_number_does_not() -> None:
     check_numbers(np.full(3, np.nan), what="x", where="a")
     with pytest.raises(InputError, match="TACTILEVISION_MAX_NUMBER"):
         check_numbers(np.array([np.nan, -np.inf]), what="x", where="a")
-    with pytest.raises(InputError, match="no number"):
-        read_cells(["1", "x"], where="a")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
+import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +16,16 @@ from benchmarks.faults import trials
 from benchmarks.faults.commands import Command, frame_commands, prepare
 from tactilevision.errors import TactilevisionError
 from tactilevision.files.runs import worker_pool
+from tactilevision.files.tiff import write_tiff
+from tactilevision.records.maps import HeightMap
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
+from drawn_logs import Drawn, write
+from lamp_sensor import saved, write_ball_folder, write_frames
 
 KILLS = 4  # of each command
+LEROBOT = Path(__file__).parents[1] / "data" / "lerobot_v3"
 DRAWS = 6  # of a moment: a run that is done before it shows nothing
 DONE = [f"all {DRAWS} runs were done before their moment: nothing was shown"]
 
@@ -22,6 +33,34 @@ DONE = [f"all {DRAWS} runs were done before their moment: nothing was shown"]
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Command]:
     return prepare(tmp_path_factory.mktemp("faults"))
+
+
+def more_commands(folder: Path) -> dict[str, Command]:
+    """Commands that write logs, data sets, profiles and tables, on inputs made here."""
+    folder.mkdir(exist_ok=True)
+    made, balls = saved(folder), write_ball_folder(folder / "balls")
+    log, frames, maps = write(folder / "log.mcap", Drawn(frames=12)), folder / "timed", folder / "maps"
+    shutil.copytree(frame_commands(folder / "frames")[0].source or folder, frames)
+    (maps / "depth").mkdir(parents=True)
+    height = HeightMap(np.ones((60, 80)), np.ones((60, 80), bool), (0.1, 0.1))
+    for name in sorted(path.stem for path in (frames / "frames").iterdir()):
+        write_tiff(maps / "depth" / f"{name}.tiff", height)
+    tactile = ("--camera", "observation.images.tactile", "--sensor", str(made))
+    of_balls = ("--sensor", str(balls / "sensor.toml"), "--light-only")
+    live = ("--sensor", str(made), "--every", "--rate", "1000")
+    every = (
+        Command("import", ("import", str(log), "--frames", "/camera", "--wrench", "/ft")),
+        Command("export", ("export", str(frames), "--depth", str(maps)), file="log.mcap"),
+        Command("calibrate-sensor", ("calibrate-sensor", str(balls), *of_balls), file="lamp.tvs"),
+        Command("lerobot", ("lerobot", str(LEROBOT), *tactile)),
+        Command("live", ("live", "--camera", str(write_frames(folder / "pair")), *live), grows="live.csv"),
+    )
+    return {command.name: command for command in every}
+
+
+@pytest.fixture(scope="module")
+def more(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Command]:
+    return more_commands(tmp_path_factory.mktemp("more"))
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +106,24 @@ def test_nothing_is_lost_or_doubled_by_kills(name: str, commands: dict[str, Comm
     for number in range(KILLS):
         out = tmp_path / str(number)
         wrong = trials.killed(whole, out, rng, at_write=bool(number % 2), over=number > 1)
+        assert not wrong, (number, wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["import", "export", "calibrate-sensor", "lerobot", "live"])
+def test_kills_interrupts_and_full_disks_leave_whole_files(
+    name: str, more: dict[str, Command], tmp_path: Path
+) -> None:
+    """After each, files are old or new and no others, and the next run gives the bytes of an undisturbed one."""
+    once = name in ("import", "lerobot", "live")  # two refuse folders that hold results; live keeps its rows
+    whole, rng = trials.undisturbed(more[name], tmp_path), np.random.default_rng(6)
+    faults: list[trials.Trial] = [
+        *(partial(trials.killed, at_write=bool(k % 2), over=k > 1 and not once) for k in range(KILLS)),
+        *(partial(trials.stopped, number=number, over=not once) for number in (signal.SIGINT, signal.SIGTERM)),
+        trials.disk_full,
+    ]
+    for number, fault in enumerate(faults):
+        wrong = fault(whole, tmp_path / str(number), rng)
         assert not wrong, (number, wrong)
 
 

@@ -79,12 +79,12 @@ def as_bytes(content: object) -> bytes:
 
 
 FALSE = {
-    "mm_per_px must be above 0": stated(sensor__mm_per_px=[0.0, 0.08]),
+    "mm_per_px must lie between": stated(sensor__mm_per_px=[0.0, 0.08]),
     "do not fit together: 'str' object cannot be interpreted as an integer": stated(sensor__width_px="240"),
     "reference has another size": stated(sensor__width_px=241),
     "do not fit together: 'sensor'": lambda files: stated_without(files, "sensor"),
     "do not fit together: Invalid isoformat": stated(date="tomorrow"),
-    "thickness must be above 0": stated(sensor__gel__thickness_mm=-3.0),
+    "thickness_mm must lie between": stated(sensor__gel__thickness_mm=-3.0),
     "thickness_mm has the wrong type": stated(sensor__gel__thickness_mm="3"),
     "is not solved": stated(sensor__gel__shape="dome"),
     "do not fit together: .*unexpected keyword": stated(indenters={"A1": {"radius": 2.0}}),

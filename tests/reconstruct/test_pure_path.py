@@ -6,12 +6,15 @@ import asyncio
 import dataclasses
 import multiprocessing
 import sys
+import threading
+import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_scenes import sample_reconstructor
 
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.calibrate import calibrate_from_balls
@@ -85,3 +88,29 @@ def test_a_reading_has_what_its_map_rests_on(reader: Reconstructor) -> None:
     assert seen.residuals[1] == seen.zero.std_mm
     assert set(seen.terms_mm())
     assert list(seen.edges) == []
+
+
+def test_a_process_forked_while_a_thread_reads_reads_too() -> None:
+    """A reconstructor has no lock that the child could inherit taken; OpenBLAS has none with one thread."""
+    reader = sample_reconstructor()
+    rgb = np.full((reader.sensor.height_px, reader.sensor.width_px, 3), 128, np.uint8)
+    ended = threading.Event()
+
+    def read() -> None:
+        while not ended.is_set():
+            reader.rectified_map(rgb)
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    try:
+        for _ in range(3):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12
+                child = multiprocessing.get_context("fork").Process(target=reader.rectified_map, args=(rgb,))
+                child.start()
+            child.join(30)
+            child.kill() if child.is_alive() else None
+            assert child.exitcode == 0
+    finally:
+        ended.set()
+        thread.join()

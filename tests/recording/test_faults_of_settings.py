@@ -28,7 +28,12 @@ FAULTS = [
         "thickness = 3.0",
         "[sensor.gel] thickness is not known (got 3.0). Did you mean thickness_mm? Units are part of the name.",
     ),
-    ("thickness_mm = 3.0", "thickness_um = 3000", "Did you mean thickness_mm?"),
+    ("thickness_mm = 3.0", "thicknes_um = 3000", "Did you mean thickness_um?"),
+    (
+        "thickness_mm = 3.0",
+        "thickness_mm = 3.0\nthickness_um = 3000",
+        "states what thickness_mm states too",
+    ),
     (
         "thickness_mm = 3.0",
         'thickness_mm = "3 mm"',

@@ -72,7 +72,7 @@ def test_names_of_windows_are_read(tmp_path: Path) -> None:
         ("../elsewhere,4.0", "leads out of its folder"),
         ("/etc,4.0", "leads out of its folder"),
         ("4.000mm/9,4.0", "no picture"),
-        ("4.000mm/0,-4.0", "above 0"),
+        ("4.000mm/0,-4.0", "line 2: ball_radius_mm must lie between"),
         ("4.000mm/0,wide", "no finite number"),
     ],
 )

@@ -44,7 +44,7 @@ def test_mistakes_are_named() -> None:
         get_sensor("custom", width_px=5)
     with pytest.raises(InputError, match="no such field"):
         get_sensor("digit", colour="red")
-    with pytest.raises(InputError, match=r"a scale lies between 0\.0001 and 100 mm per pixel"):
+    with pytest.raises(InputError, match=r"mm_per_px must lie between 0\.0001 and 100"):
         get_sensor("digit", mm_per_px=-1.0)
 
 
