@@ -55,7 +55,8 @@ class RoundBody(Composable):
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """Return E, nu, beta."""
         deep = int(np.argmax(data.depth_mm))
-        body = _body(data.indenters[int(data.presses.indenter[data.press[deep]])])
+        indenter = data.indenters[int(data.presses.indenter[data.press[deep]])]
+        body = _body(indenter, indenter.radius_mm)
         unit = _force_over_E(body, data.gel.thickness_mm, NU_NOMINAL, data.depth_mm[[deep]])
         prior = Prior(0.0, BETA_STD, "round contacts have no printed value")
         return (
@@ -78,17 +79,16 @@ class RoundBody(Composable):
         for k in np.unique(number):
             rows = (number == k) & (state.depth_mm > 0)
             if rows.any():
-                radius = float(np.median(state.radius_mm[rows]))
-                body = _body(replace(data.indenters[k], radius_mm=radius))
+                body = _body(data.indenters[k], float(np.median(state.radius_mm[rows])))
                 force[rows] = _on_layers(body, state.thickness_mm[rows], float(nu), state.depth_mm[rows])
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
         return np.asarray(modulus * state.factor * force * (1 + beta * strain))
 
 
-def _body(indenter: Indenter) -> Body:
-    """Return the ball or the cone. Raises InputError for a cone whose angle is not stated."""
+def _body(indenter: Indenter, radius_mm: float) -> Body:
+    """Return the ball of this radius, or the cone. Raises InputError for a cone whose angle is not stated."""
     if indenter.shape == "sphere":
-        return Ball(indenter.radius_mm)
+        return Ball(radius_mm)
     if indenter.half_angle_deg is None:
         raise InputError(
             "a cone needs its angle",

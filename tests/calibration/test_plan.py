@@ -132,16 +132,15 @@ def test_a_goal_of_c_alone_needs_no_nu() -> None:
     "what, change",
     [
         ("reaches through the gel", {"heights": (0.3, 3.5)}),
-        ("step height must be above 0", {"heights": (-0.3, 0.5)}),
+        ("height_mm must lie between", {"heights": (-0.3, 0.5)}),
         ("step height must be above 0", {"heights": (float("nan"), 0.5)}),
         ("two step heights", {"heights": (0.3,)}),
         ("nothing to press", {"radii": ()}),
-        ("radius must be above 0", {"radii": (0.0,)}),
+        ("radius_mm must lie between", {"radii": (0.0,)}),
         ("repeats must be above 0", {"repeats": 0}),
         ("E must be above 0", {"youngs_modulus_MPa": (float("nan"), 0.2)}),
         ("Poisson's ratio lies in", {"poisson_ratio": (0.48, 0.5)}),
         ("noise of depth must be above 0", {"noise": PressNoise(depth_std_mm=-1.0)}),
-        ("gel thickness must be above 0", {"gel": Gel(-3.0)}),
         ("as wide as the gel pad", {"radii": (16.0,)}),
     ],
 )

@@ -76,8 +76,11 @@ def make_certificate(folder: Path) -> dict[str, str]:
     words = ("-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost", "-keyout", key, "-out")
     name = ("-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1")
     subprocess.run([openssl, "req", "-x509", *words, certificate, *name], check=True, capture_output=True)
-    own = {f"{who}__{what}": str(path) for who in ("SCHEDULER", "WORKER", "CLIENT") for what, path in
-           (("KEY", key), ("CERT", certificate))}  # fmt: skip
+    own = {
+        f"{who}__{what}": str(path)
+        for who in ("SCHEDULER", "WORKER", "CLIENT")
+        for what, path in (("KEY", key), ("CERT", certificate))
+    }
     settings = {f"TLS__{name}": value for name, value in (own | {"CA_FILE": str(certificate)}).items()}
     return {f"DASK_DISTRIBUTED__COMM__{k}": v for k, v in (settings | {"REQUIRE_ENCRYPTION": "True"}).items()}
 

@@ -221,17 +221,21 @@ def test_a_child_serves_the_next_file_and_ends_with_its_iterator(tmp_path: Path)
 def test_an_interrupt_ends_all_and_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
     hostile.endless_tree(tmp_path / "log.db3")
     code = (
-        "import sys\nfrom tactilevision.cli import main\n"
+        "import signal, sys\nfrom tactilevision.cli import main\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background jobs ignore it
         "sys.argv = 'tactilevision import log.db3 --frames /camera --out out'.split()\nsys.exit(main())"
     )
     about = os.environ | {"PYTHONPATH": str(ROOT), "TACTILEVISION_MAX_CHILD_SECONDS": "1000"}
     run = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env=about, stderr=subprocess.PIPE)
-    while not list(tmp_path.glob("out/*/frames/*00.png")):
-        assert run.poll() is None
-        time.sleep(0.05)
-    (child,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
-    run.send_signal(number)
-    assert b"results written earlier are as they were" in run.communicate(timeout=20)[1]
+    try:
+        while not list(tmp_path.glob("out/*/frames/*00.png")):
+            assert run.poll() is None
+            time.sleep(0.05)
+        (child,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
+        run.send_signal(number)
+        assert b"results written earlier are as they were" in run.communicate(timeout=20)[1]
+    finally:
+        run.kill()
     assert run.returncode == 128 + number
     assert gone(int(child))
     assert [path.name for path in tmp_path.rglob("*")] == ["log.db3"]

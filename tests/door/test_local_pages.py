@@ -273,8 +273,9 @@ def test_foxgloves_websocket_sends_what_its_own_server_would(seen: tuple[Any, Li
         ours, reference = Socket(page.port, f"/{page.token}/"), Socket(server.port)
         try:
             assert json.loads(ours.hear())["op"] == json.loads(reference.hear())["op"] == "serverInfo"
-            adverts = [sorted(json.loads(one.hear())["channels"], key=lambda c: c["topic"]) for one in
-                       (ours, reference)]  # fmt: skip
+            adverts = [
+                sorted(json.loads(one.hear())["channels"], key=lambda c: c["topic"]) for one in (ours, reference)
+            ]
             keys = ("topic", "encoding", "schemaName", "schema", "schemaEncoding")
             assert [[c[key] for key in keys] for c in adverts[0]] == [[c[key] for key in keys] for c in adverts[1]]
             assert set(adverts[0][0]) == set(adverts[1][0])

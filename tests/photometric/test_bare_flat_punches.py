@@ -13,6 +13,7 @@ from tactilevision.batch.folder import peak_mm, std_at
 from tactilevision.cli import main
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.self_calibration import contact_of, contacts_in
+from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.reference import make_reference
 from tactilevision.recording.folder import read_folder
@@ -102,7 +103,7 @@ def test_the_ring_of_a_punch_is_taken_as_its_whole_contact() -> None:
         rectify(recording.sensor, one) for one in (read_flats(recording)[0], read_frame(recording, number).rgb)
     )
     reference = make_reference([flat])
-    (contact,) = contacts_in([rgb], reference)
+    (contact,) = contacts_in([rgb], reference, TearCheck(recording.sensor))
     changes, _, valid = ColourChange(reference).measure(rgb)
     assert contact_of(changes, valid, np.random.default_rng(0)) is not None
     radius_px = np.std(contact.place[:, 0]) / np.std(contact.outward[:, 0]) * 0.5 * (rgb.shape[1] - 1)

@@ -93,7 +93,8 @@ def test_a_reading_has_what_its_map_rests_on(reader: Reconstructor) -> None:
 def test_a_process_forked_while_a_thread_reads_reads_too() -> None:
     """A reconstructor has no lock that the child could inherit taken; OpenBLAS has none with one thread."""
     reader = sample_reconstructor()
-    rgb = np.full((reader.sensor.height_px, reader.sensor.width_px, 3), 128, np.uint8)
+    assert reader.referenced is not None
+    rgb = np.rint(reader.referenced.reference.rgb).astype(np.uint8)
     ended = threading.Event()
 
     def read() -> None:
