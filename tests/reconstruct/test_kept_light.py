@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -14,7 +15,6 @@ from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 from tactilevision.records.rig import Sensor
-from tests.shared_scenes import SAMPLE, sample_reconstructor
 
 
 def test_other_pictures_another_ball_or_another_scale_are_calibrated_anew(
