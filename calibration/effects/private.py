@@ -9,7 +9,6 @@ import os
 import pickle
 import threading
 import time
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,17 +16,16 @@ from typing import Any
 import numpy as np
 
 from calibration.effects import EFFECTS
-from calibration.effects.private_process import LOAD, RECORDS, Kept
+from calibration.effects.private_process import Shelf, calls
 from calibration.inputs.observations import Observations
-from calibration.model.stages import Effect, EffectBase, Parameter, Stage
+from calibration.model.stages import Effect, EffectBase, Parameter
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.child import Child
+from tactilevision.files.child import WAIT_S, Child, raised
 from tactilevision.files.opening import limit
 from tactilevision.files.writing import write_text
 
 METHODS = tuple(name for name, _ in inspect.getmembers(EffectBase, inspect.isfunction) if name[0] != "_")
 KEPT = 8  # Observations that the process keeps: a fit calls with some, thousands of times
-START_S = 60  # s for the process to import the library, even if other programs keep the processor
 
 
 class _Process:
@@ -37,105 +35,61 @@ class _Process:
         self.file, self.starts = file, 0
         self._lock, self._child = threading.RLock(), None  # type: tuple[Any, Child | None]
         self._owner = 0  # the process that started it
-        self._kept: list[Observations] = []
-        self._parts: list[dict[int, Kept]] = []  # of each, by id
-        self._sent = 0
 
-    def call(self, effect: PrivateEffect | None, method: str, given: tuple[Any, ...]) -> Any:
-        """Return what a method of an effect returns; None: of the file.
+    def call(self, effect: PrivateEffect | None, method: str = "", given: tuple[Any, ...] = ()) -> Any:
+        """Return what a method of an effect returns; None: the effect of the file.
 
         Raises InputError where it does not end within MAX_EFFECT_SECONDS or ends its process, and what it raises.
         """
         with self._lock:
-            if self._child is None or self._owner != os.getpid():  # a copy of this process starts its own
-                self._start()
-                if effect is not None:
-                    self.call(None, LOAD, (str(self.file),))
-            number = 0 if effect is None else effect.number()
-            where = str(self.file) if effect is None else f"{effect.kind}.{method}"
             try:
-                answer = self._ask(number, method, given, where)
+                kind, *found = self._ask(effect, method, given)
             except BaseException:  # an interrupt: the rest of an answer is in the pipe
                 self._end()
                 raise
-        return self._found(answer, effect, method, given)
-
-    def _start(self) -> None:
-        self._owner = os.getpid()
-        self._child = Child("calibration.effects.private_process", settings={})
-        self._kept, self._parts, self._sent, self.starts = [], [], 0, self.starts + 1
-        try:
-            self._child.receive(until_s=time.monotonic() + START_S)
-        except BaseException as fault:
-            self._end()
-            if isinstance(fault, EOFError | TimeoutError):
-                raise InputError("the effect's process does not start", where=self.file) from fault
-            raise
+            if kind == "found":
+                make = partial(PrivateEffect, self, (effect, method, given))
+                return self._shelf.unpack(found[0].tobytes(), make)
+        if len(found) > 1:
+            raise raised(kind, *found)
+        own = getattr(builtins, kind, getattr(np.linalg, kind, None))
+        if isinstance(own, type) and issubclass(own, Exception) and not issubclass(own, UnicodeError):
+            raise own(*found)
+        raise RuntimeError(f"{kind}: {found[0]}")
 
     def _end(self) -> None:
         if self._child is not None:
             self._child.kill()
         self._child = None
 
-    def _ask(self, number: int, method: str, given: tuple[Any, ...], where: str) -> list[Any]:
+    def _ask(self, effect: PrivateEffect | None, method: str, given: tuple[Any, ...]) -> list[Any]:
+        if self._child is None or self._owner != os.getpid():  # a copy of this process starts its own
+            self._owner, self._shelf, self._sent, self.starts = os.getpid(), Shelf(), 0, self.starts + 1
+            self._child = Child({})
+            self._child.start(calls, (str(self.file),))
+            self._receive(str(self.file), time.monotonic(), WAIT_S)
+            if effect is not None:
+                self.call(None)
+        number, where = (effect.number(), f"{effect.kind}.{method}") if effect else (0, str(self.file))
+        for data in given:
+            if type(data) is Observations and id(data) not in self._shelf.names:
+                place, self._sent = self._sent % KEPT, self._sent + 1
+                self._child.ask(self._shelf.pack((None, "", (place, data), {})))
+                self._shelf.keep(place, data)
+        asked_s, seconds = time.monotonic(), limit("MAX_EFFECT_SECONDS")
+        self._child.ask(self._shelf.pack((number, method, given, np.geterr())), within_s=seconds)
+        return self._receive(where, asked_s, seconds)
+
+    def _receive(self, where: str, asked_s: float, seconds: int) -> list[Any]:
         assert self._child is not None
-        seconds, fresh = limit("MAX_EFFECT_SECONDS"), dict[int, dict[str, Any]]()
-        sent = [self._kept_as(one, fresh) if type(one) is Observations else one for one in given]
-        self._child.send(
-            pickle.dumps((seconds, fresh, number, method, sent, np.geterr()), pickle.HIGHEST_PROTOCOL)
-        )
         try:
-            return self._child.receive(until_s=time.monotonic() + seconds)
-        except TimeoutError:
+            return self._child.receive(until_s=asked_s + seconds)[1:]
+        except (EOFError, TimeoutError):
+            what, remedy = "ended its process", "Look for what exits, or takes all memory."
+        if time.monotonic() >= asked_s + seconds:
             what = f"did not end within {seconds} s"
             remedy = "Look for a loop without end. A slow effect: set TACTILEVISION_MAX_EFFECT_SECONDS."
-        except EOFError:
-            what, remedy = "ended its process", "Look for what exits, or takes all memory."
         raise InputError(what, where=where, remedy=remedy)
-
-    def _kept_as(self, data: Observations, fresh: dict[int, dict[str, Any]]) -> Kept:
-        """Return the number of Observations; if it is new, `fresh` gets what differs from those that are kept."""
-        for number, one in enumerate(self._kept):
-            if one is data:
-                return Kept(number)
-        known = {key: at for each in self._parts for key, at in each.items()}
-        parts = {field.name: getattr(data, field.name) for field in fields(data)}
-        number, self._sent = self._sent % KEPT, self._sent + 1
-        fresh[number] = {name: known.get(id(part), part) for name, part in parts.items()}
-        self._kept[number : number + 1] = [data]
-        self._parts[number : number + 1] = [{id(part): Kept(number, name) for name, part in parts.items()}]
-        return Kept(number)
-
-    def _found(self, answer: list[Any], effect: PrivateEffect | None, method: str, given: tuple[Any, ...]) -> Any:
-        kind, said, *arrays = answer
-        if kind == "found":
-            return restored(said, arrays, given=given, make=partial(PrivateEffect, self, (effect, method, given)))
-        if kind == "InputError":
-            raise InputError(said[0], **said[1])
-        own = getattr(builtins, kind, getattr(np.linalg, kind, None))
-        if isinstance(own, type) and issubclass(own, Exception) and not issubclass(own, UnicodeError):
-            raise own(said)
-        raise RuntimeError(f"{kind}: {said}")
-
-
-def restored(said: Any, arrays: list[Any], *, given: tuple[Any, ...], make: Any) -> Any:
-    """Return the value that `plain` wrote; `make` returns an effect of its number, kind and statements."""
-    again = partial(restored, arrays=arrays, given=given, make=make)
-    if isinstance(said, list):
-        return tuple(map(again, said))
-    if not isinstance(said, dict):
-        return said
-    if "array" in said:
-        return arrays[said["array"]]
-    if "effect" in said:
-        return make(said["effect"], said["kind"], {name: again(value) for name, value in said["about"].items()})
-    if said["same"] is not None:
-        return given[said["same"]]
-    parts = {
-        name: getattr(given[part["given"]], name) if isinstance(part, dict) and "given" in part else again(part)
-        for name, part in said["fields"].items()
-    }
-    return RECORDS[said["record"]](**parts)
 
 
 class PrivateEffect(EffectBase):
@@ -149,7 +103,7 @@ class PrivateEffect(EffectBase):
     ) -> None:
         self._process, self._origin, self._number, self.kind = process, origin, (process.starts, number), kind
         self._parameters: tuple[Parameter, ...] = about.pop("parameters")
-        vars(self).update(about, stage=Stage(about["stage"]))
+        vars(self).update(about)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -192,7 +146,7 @@ def load_effect(path: Path | str) -> Effect:
     file = Path(path)
     if not file.is_file():
         raise InputError("there is no such file", where="--effect", value=str(file))
-    effect: Effect = _Process(file).call(None, LOAD, (str(file),))
+    effect: Effect = _Process(file).call(None)
     return effect
 
 

@@ -1,133 +1,127 @@
 """Serve the effect of one file from a process of its own.
 
-The process that fits sends pickles (method, arguments) and receives what `plain` writes: JSON and arrays. An
-Observations is sent once and then named by its number. Numbers are those of a call within one process: floats and
+The process that fits asks with pickles, and is answered with pickles, of which it takes RECORDS and numbers alone.
+An Observations is sent once; pickles then name it, and its parts, by a number that both processes know. Floats and
 arrays pass bit by bit, and numpy's handling of errors is the caller's.
 """
 
 from __future__ import annotations
 
-import faulthandler
 import importlib.util
 import inspect
-import os
+import io
 import pickle
 import sys
-import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
-from queue import SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from calibration.effects import EFFECTS
 from calibration.inputs.observations import EdgeDrop, Observations, Presses, Resultants, Shared, Slopes
-from calibration.model.stages import Effect, EffectBase, ManualCheck, Parameter, Prior, State
+from calibration.model.stages import Effect, EffectBase, ManualCheck, Parameter, Prior, Stage, State
 from tactilevision.errors import InputError
-from tactilevision.files.child import send
+from tactilevision.files.child import Answer, asked, stated
 from tactilevision.records.rig import Gel, Indenter
 
 ABOUT = (*EffectBase.__annotations__, "parameters")  # what an effect states of itself
-LOAD = "load"  # the first call, with the file for its argument
-RECORDS = {
-    kind.__name__: kind
-    for kind in (State, Parameter, Prior, ManualCheck, Observations, Presses, Shared, EdgeDrop, Slopes, Resultants)
-} | {kind.__name__: kind for kind in (Gel, Indenter)}
+_DATA = (Gel, Indenter, Observations, Presses, Shared, EdgeDrop, Slopes, Resultants)
+RECORDS = {kind.__name__ for kind in (*_DATA, State, Stage, Parameter, Prior, ManualCheck)}
+_NUMPY = ("_frombuffer", "_reconstruct", "dtype", "ndarray", "scalar")  # what pickles of arrays and numbers call
+_PARTS = ("", *(field.name for field in fields(Observations)))  # "": the whole
 
 
-class Kept(NamedTuple):
-    """An Observations, or a part of one, that the process keeps under a number."""
+class Shelf:
+    """Observations that both processes keep under the same numbers, and pickles that name them."""
 
-    number: int
-    part: str = ""
+    def __init__(self) -> None:
+        self.kept: dict[int, Observations] = {}
+        self.names: dict[int, tuple[int, str]] = {}  # number and part, by the id of an object
+
+    def keep(self, number: int, data: Observations) -> None:
+        """Keep Observations, in the order in which the other process does."""
+        self.kept[number] = data
+        self.names = {id(self.part(k, name)): (k, name) for k in self.kept for name in _PARTS}
+
+    def part(self, number: int, name: str) -> Any:
+        """Return what a name in a pickle stands for."""
+        return getattr(self.kept[number], name) if name else self.kept[number]
+
+    def pack(self, value: Any, made: list[Effect] | None = None) -> bytes:
+        """Return a pickle. In the process of the effect, `made` are the effects so far; others are added.
+
+        Raises TypeError for an array of other things than real numbers there.
+        """
+        packed = io.BytesIO()
+        _Packer(packed, self, made).dump(value)
+        return packed.getvalue()
+
+    def unpack(self, packed: bytes, make: Callable[..., Effect] | None = None) -> Any:
+        """Return the value of a pickle of `pack`; `make` returns an effect of its number, kind and statements.
+
+        With `make`, raises TypeError for other things than RECORDS, arrays and plain values.
+        """
+        return _Unpacker(io.BytesIO(packed), self, make).load()
 
 
-def plain(value: Any, parts: list[Any], *, given: Sequence[Any], made: list[Effect]) -> Any:
-    """Return a value as JSON; its arrays are added to `parts`, and effects to `made`.
+class _Packer(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, shelf: Shelf, made: list[Effect] | None) -> None:
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self.names, self.made = shelf.names, made
 
-    Observations that were `given`, and parts of them, are named by their numbers and names. Raises TypeError for
-    any other kind of value.
-    """
-    if isinstance(value, np.generic):
-        value = value.item()
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, np.ndarray):
-        if value.dtype.kind not in "biuf" or value.dtype.itemsize > 8:
+    def persistent_id(self, value: Any) -> tuple[Any, ...] | None:
+        if (name := self.names.get(id(value))) is not None or self.made is None:
+            return name
+        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in "biuf":
             raise TypeError(f"an effect returns real numbers, not {value.dtype}")
-        parts.append(value.astype(value.dtype.newbyteorder("="), copy=False))
-        return {"array": len(parts) - 1}
-    if isinstance(value, tuple | list):
-        return [plain(one, parts, given=given, made=made) for one in value]
-    if isinstance(value, EffectBase):
-        number = next((k for k, one in enumerate(made) if one is value), len(made))
-        made.extend([value] * (number == len(made)))
-        about = {name: getattr(value, name) for name in ABOUT if hasattr(value, name)}
-        said = {k: plain(v, parts, given=given, made=made) for k, v in about.items()}
-        return {"effect": number, "kind": type(value).__name__, "about": said}
-    name = type(value).__name__
-    if RECORDS.get(name) is not type(value):
-        raise TypeError(f"an effect cannot return {name}")
-    alike = [k for k, one in enumerate(given) if type(one) is type(value) is Observations]
-    said = {}
-    for field in fields(value):
-        part = getattr(value, field.name)
-        at = next((k for k in alike if getattr(given[k], field.name) is part), None)
-        said[field.name] = {"given": at} if at is not None else plain(part, parts, given=given, made=made)
-    same = next((k for k in alike if given[k] is value), None)
-    return {"record": name, "fields": said, "same": same}
+        if not isinstance(value, EffectBase):
+            return None
+        number = next((k for k, one in enumerate(self.made) if one is value), len(self.made))
+        self.made.extend([value] * (number == len(self.made)))
+        return number, type(value).__name__, {name: getattr(value, name) for name in ABOUT if hasattr(value, name)}
+
+
+class _Unpacker(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, shelf: Shelf, make: Callable[..., Effect] | None) -> None:
+        super().__init__(file)
+        self.shelf, self.make = shelf, make
+
+    def persistent_load(self, name: Any) -> Any:
+        return self.shelf.part(*name) if self.make is None or len(name) == 2 else self.make(*name)
+
+    def find_class(self, module: str, name: str) -> Any:
+        known = name in _NUMPY if module.startswith("numpy") else name in RECORDS
+        if self.make is not None and not known:
+            raise TypeError(f"an effect cannot return {name}")
+        return super().find_class(module, name)
 
 
 # The process.
 
-_calls: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
 
+def calls(path: str) -> Iterator[Answer]:
+    """Yield answers to calls: "found" and the value, or the error; before them one that the process has started.
 
-def serve() -> None:
-    """Answer the calls that come by the standard input, until it ends. What the effect prints goes to stderr."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    sys.stdout = sys.stderr
-    threading.Thread(target=_listen, daemon=True).start()
-    made, known = list[Effect](), dict[int, Observations]()
-    send(out, "ready")
-    while True:
-        seconds, fresh, number, method, sent, errors = _calls.get()
-        if sys.platform == "win32":  # elsewhere the caller ends this process
-            faulthandler.dump_traceback_later(seconds, exit=True)
-        for place, stated in fresh.items():
-            named = {
-                name: getattr(known[one.number], one.part) if type(one) is Kept else one
-                for name, one in stated.items()
-            }
-            known[place] = Observations(**named)
-            for one in named.values():
-                if isinstance(one, np.ndarray):
-                    one.setflags(write=False)
-        given: list[Any] = [known[one.number] if type(one) is Kept else one for one in sent]
-        parts: list[Any] = []
+    A call has a number (None: keep an Observations) and what is given. Effect 0 is the file's, once it is loaded.
+    """
+    shelf, made = Shelf(), list[Effect]()
+    yield ("ready",)
+    for packed in asked():
+        number, method, given, errors = shelf.unpack(packed)
+        if number is None:
+            shelf.keep(*given)
+            continue
         try:
             np.seterr(**errors)
-            found = _load(Path(*given)) if method == LOAD else getattr(made[number], method)(*given)
-            words = ["found", plain(found, parts, given=given, made=made)]
+            found = getattr(made[number], method)(*given) if method else _load(Path(path))
+            answer: Answer = "found", shelf.pack(found, made)
         except InputError as fault:
-            value = fault.value if isinstance(fault.value, str | int | float | None) else str(fault.value)
-            words = ["InputError", [fault.what, {"where": fault.where, "value": value, "remedy": fault.remedy}]]
+            answer = stated(fault)
         except BaseException as fault:  # the effect may raise anything
-            words = [type(fault).__name__, str(fault)]
-        if sys.platform == "win32":
-            faulthandler.cancel_dump_traceback_later()
-        send(out, *words, *parts)
-
-
-def _listen() -> None:
-    while True:
-        try:
-            _calls.put(pickle.load(sys.stdin.buffer))  # noqa: S301 -- of the process that started this one
-        except BaseException:  # it has ended
-            os._exit(0)
+            answer = type(fault).__name__, str(fault)
+        yield answer
 
 
 def _load(file: Path) -> Effect:

@@ -12,6 +12,7 @@ import faulthandler
 import json
 import math
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -62,10 +63,10 @@ _waiting: list[Child] = []
 
 
 class Child:
-    """A process that runs `serve` of a module, in a group of its own; it ends with this object."""
+    """A process that runs `serve`, in a group of its own; it ends with this object."""
 
-    def __init__(self, module: str, *, settings: Mapping[str, str], stderr: int | None = None) -> None:
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {module} import serve; serve()"
+    def __init__(self, settings: Mapping[str, str], *, stderr: int | None = None) -> None:
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         self.process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
@@ -80,14 +81,21 @@ class Child:
             fcntl.fcntl(self._out, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self.kill = weakref.finalize(self, _kill, self.process, os.getpid())
 
-    def send(self, order: bytes) -> None:
-        """Send one order; a child that has ended takes none, and gives no answer."""
-        with suppress(BrokenPipeError):
-            self.process.stdin.write(order)  # type: ignore[union-attr]
+    def start(self, reader: Callable[..., Iterator[Answer]], given: Sequence[object], **budget: float) -> None:
+        """Let it run a generator function of a module within a budget (see `_limit`; none: no limits)."""
+        self._send({"reader": (reader.__module__, reader.__name__), "given": given, "budget": budget})
+
+    def ask(self, word: object, *, within_s: int = WAIT_S) -> None:
+        """Send a word that the reader takes from `asked`, and may work at for so many seconds."""
+        self._send({"asked": word, "within_s": within_s})
+
+    def _send(self, order: dict[str, object]) -> None:
+        with suppress(BrokenPipeError):  # a child that has ended takes no order, and gives no answer
+            pickle.dump(order, self.process.stdin)  # type: ignore[arg-type]
             self.process.stdin.flush()  # type: ignore[union-attr]
 
     def receive(self, most: float = math.inf, *, until_s: float = math.inf) -> list[Any]:
-        """Return what `send` sent in the child, arrays of at most so many bytes.
+        """Return a word, "answer" or how the reader ended, and what it yielded, arrays of at most so many bytes.
 
         Raises EOFError where the child has ended or sends something else, TimeoutError at `until_s`
         (time.monotonic; not on Windows).
@@ -125,10 +133,6 @@ class Child:
         return found
 
 
-def _reading() -> Child:
-    return Child(__name__, settings=_SETTINGS, stderr=subprocess.DEVNULL)
-
-
 def _kill(process: subprocess.Popen[bytes], owner: int) -> None:
     if owner != os.getpid():  # this process is a copy of the parent
         process.returncode = 0
@@ -160,10 +164,14 @@ class Answers:
         self._over: Exception | None = None
         self._pending: deque[object] = deque()  # asked, and not yet answered
         waiting = [one for one in _waiting if one.process.poll() is None]
-        self._child: Child | None = waiting[0] if waiting else _reading()
+        self._child: Child | None = waiting[0] if waiting else Child(_SETTINGS, stderr=subprocess.DEVNULL)
         _waiting.clear()
-        budget = {"MB": self.memory_MB, "step_s": seconds + size / READ_MB_S, "all_s": seconds + UNPACKED_S * size}
-        self._send(budget | {"reader": [reader.__module__, reader.__name__], "given": given})
+        budget = {
+            "memory_MB": self.memory_MB,
+            "step_s": seconds + size / READ_MB_S,
+            "all_s": seconds + UNPACKED_S * size,
+        }
+        self._child.start(reader, given, **budget)
 
     def __iter__(self) -> Self:
         return self
@@ -184,7 +192,7 @@ class Answers:
         """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
         for one in (word, *later):
             if self._child is not None and one not in self._pending:
-                self._send({"asked": one})
+                self._child.ask(one)
                 self._pending.append(one)
         while True:
             answer = next(self)
@@ -198,10 +206,6 @@ class Answers:
             self._child.kill()
             self._child = None
 
-    def _send(self, order: dict[str, Any]) -> None:
-        assert self._child is not None
-        self._child.send(json.dumps(order).encode() + b"\n")
-
     def _next(self) -> Answer:
         assert self._child is not None
         while True:
@@ -213,7 +217,7 @@ class Answers:
                 return tuple(words)
             if kind != "answer":
                 _waiting[:], self._child = [self._child], None
-                raise _FAULTS[kind](words[0], **dict(words[1])) if kind in _FAULTS else StopIteration
+                raise raised(kind, *words) if words else StopIteration
 
     def _ended(self) -> InputError:
         """Return the reason why the child has ended, or end it for an answer that is none."""
@@ -238,10 +242,21 @@ def _beyond(what: str, name: str, where: object) -> InputError:
     return InputError(what, where=where, remedy=remedy)
 
 
+def stated(fault: InputError) -> tuple[str, str, dict[str, object]]:
+    """Return an error as parts of JSON, for `raised`."""
+    value = fault.value if isinstance(fault.value, str | int | float | None) else str(fault.value)
+    return type(fault).__name__, fault.what, {"where": fault.where, "value": value, "remedy": fault.remedy}
+
+
+def raised(kind: str, what: str, about: Mapping[str, Any]) -> InputError:
+    """Return the error of `stated`; of another kind than this library's own, InputError."""
+    return _FAULTS.get(kind, InputError)(what, **about)
+
+
 # The child.
 
 _orders: SimpleQueue[dict[str, Any]] = SimpleQueue()
-_budget = {"step_s": math.inf, "all_s": math.inf}  # s of processor time for an answer, and until the child ends
+_budget: dict[str, float] = {}  # s of processor time for an answer (step_s), and until the child ends (all_s)
 
 
 def asked() -> Iterator[Any]:
@@ -249,25 +264,28 @@ def asked() -> Iterator[Any]:
     while True:
         _wait(0)
         order = _orders.get()
-        _wait(WAIT_S)
+        _wait(order["within_s"])
         yield order["asked"]
 
 
 def serve() -> None:
     """Answer the orders that come by the standard input, until it ends."""
-    out, null = os.fdopen(os.dup(1), "wb"), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)  # what libraries print is no answer
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a reader prints is no answer
+    sys.stdout = sys.stderr
     threading.Thread(target=_listen, daemon=True).start()
     while True:
         order = _orders.get()
         if "reader" in order:  # else asked too late
-            send(out, *_outcome(out, order))
+            _write(out, *_outcome(out, order))
 
 
 def _listen() -> None:
-    for line in sys.stdin.buffer:
-        _orders.put(json.loads(line))
-    os._exit(0)
+    try:
+        while True:
+            _orders.put(pickle.load(sys.stdin.buffer))  # noqa: S301 -- of the process that started this one
+    finally:  # it has ended
+        os._exit(0)
 
 
 def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
@@ -275,24 +293,21 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
     module, name = order["reader"]
     found: InputError | None = None
     try:
-        _limit(order)
+        _limit(**order["budget"])
         for answer in getattr(import_module(module), name)(*order["given"]):
             _wait(0)
-            send(out, "answer", *answer)
+            _write(out, "answer", *answer)
             _wait(WAIT_S)
     except Exception as fault:
         where, said = order["given"][0], f"is damaged: {type(fault).__name__}: {str(fault)[:160]}"
         found = fault if isinstance(fault, InputError) else InputError(said, where=where, remedy="Copy it again.")
         if isinstance(fault, MemoryError) or isinstance(fault.__cause__, MemoryError):
-            found = _beyond(f"needs more memory than {order['MB']:.0f} MB", "MAX_CHILD_MB", where)
+            found = _beyond(f"needs more memory than {order['budget']['memory_MB']:.0f} MB", "MAX_CHILD_MB", where)
     _wait(0)
-    if found is None:
-        return ("end",)
-    value = found.value if isinstance(found.value, str | int | float | None) else str(found.value)
-    return type(found).__name__, found.what, {"where": found.where, "value": value, "remedy": found.remedy}
+    return ("end",) if found is None else stated(found)
 
 
-def send(out: BinaryIO, *words: object) -> None:
+def _write(out: BinaryIO, *words: object) -> None:
     """Send one answer: the length of its JSON, the JSON, and the arrays, of which it holds kind and shape."""
     words = tuple(np.frombuffer(one, np.uint8) if isinstance(one, bytes) else one for one in words)
     arrays = [np.ascontiguousarray(one) for one in words if isinstance(one, np.ndarray)]
@@ -307,11 +322,11 @@ def send(out: BinaryIO, *words: object) -> None:
         os._exit(0)
 
 
-def _limit(order: dict[str, Any]) -> None:
-    """Set the limits of this process for one reader."""
-    _budget.update(step_s=order["step_s"], all_s=time.process_time() + order["all_s"])
-    if sys.platform != "win32":
-        most = {"DATA": int(order["MB"] * MB), "NOFILE": OPEN_FILES, "FSIZE": 0, "CORE": 0}
+def _limit(*, memory_MB: float = 0.0, step_s: float = math.inf, all_s: float = math.inf) -> None:
+    """Set the limits of this process for one reader: memory, and processor time for an answer and for all."""
+    _budget.update(step_s=step_s, all_s=time.process_time() + all_s)
+    if sys.platform != "win32" and memory_MB:
+        most = {"DATA": int(memory_MB * MB), "NOFILE": OPEN_FILES, "FSIZE": 0, "CORE": 0}
         for name, value in most.items():
             kind = getattr(resource, f"RLIMIT_{name}")
             hard = resource.getrlimit(kind)[1]
@@ -326,7 +341,7 @@ def _wait(seconds: int) -> None:
         if seconds:
             faulthandler.dump_traceback_later(seconds, exit=True)
         return
-    if seconds:
+    if seconds and _budget["all_s"] < math.inf:
         _budget["all_s"] -= ANSWER_S
         end_s = math.ceil(min(time.process_time() + _budget["step_s"], _budget["all_s"]))
         resource.setrlimit(resource.RLIMIT_CPU, (end_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
