@@ -9,7 +9,7 @@ import os
 import pickle
 import threading
 import time
-from functools import partial
+from functools import partial, partialmethod
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +114,9 @@ class PrivateEffect(EffectBase):
     def __reduce__(self) -> Any:
         raise pickle.PicklingError("an effect of a user's file stays in this process")
 
+    def _call(self, method: str, *given: Any) -> Any:
+        return self._process.call(self, method, given)
+
     def number(self) -> int:
         """Return its number in the process, where it is made again if that was started again."""
         starts, number = self._number
@@ -124,15 +127,8 @@ class PrivateEffect(EffectBase):
         return number
 
 
-def _calling(name: str) -> Any:
-    def method(self: PrivateEffect, *given: Any) -> Any:
-        return self._process.call(self, name, given)
-
-    return method
-
-
 for _name in METHODS:
-    setattr(PrivateEffect, _name, _calling(_name))
+    setattr(PrivateEffect, _name, partialmethod(PrivateEffect._call, _name))
 TEMPLATE = Path(__file__).parent / "template.txt"
 
 

@@ -96,11 +96,7 @@ def _check_header(file: BinaryIO, where: object) -> None:
     check(size / MB, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
 
 
-# Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
-# and folders are refused.
-
-MAX_MEMBERS = 64  # files in one archive; those of this library hold fewer than ten
-_ENCRYPTED = 0x1  # bit of a member's flags
+# Archives: zip files of members that are stored, not compressed. Nothing is unpacked to disk.
 
 
 def read_archive(path: Path | str) -> dict[str, bytes]:
@@ -111,28 +107,14 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
     """
     with open_regular(path) as file, damage(path, what="the archive is damaged", remedy=_AGAIN):
         packed = zipfile.ZipFile(file)
-        members = packed.infolist()
-        _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
-        return {about.filename: packed.read(about) for about in members}
-
-
-def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
-    total = sum(about.file_size for about in members)
-    check(total / MB, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
-    names = [about.filename for about in members]
-    if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
-        raise InputError(
-            f"the archive holds more than {MAX_MEMBERS} files, or one twice", where=path, value=len(names)
-        )
-    for about in members:
-        stored = about.compress_type == zipfile.ZIP_STORED and about.compress_size == about.file_size
-        named = about.filename and not about.is_dir()
-        if not stored or about.flag_bits & _ENCRYPTED or not named:
+        total = sum(about.file_size for about in packed.infolist())
+        check(total / MB, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
+        names = packed.namelist()
+        if len(set(names)) != len(names) or total > os.fstat(file.fileno()).st_size:
             raise InputError(
-                "the archive holds a compressed, encrypted or unnamed member",
+                "the archive states more than the file has, or a name twice",
                 where=path,
-                value=about.filename,
+                value=total,
                 remedy="Take the file that `tactilevision calibrate-sensor` wrote.",
             )
-    if total > size:  # members that share their bytes
-        raise InputError("the archive states more than the file has", where=path, value=total)
+        return {name: packed.read(name) for name in names}

@@ -124,12 +124,8 @@ def _check_nesting(text: str, where: object) -> None:
         depth += 1 if mark in "[{" else -1
         deepest = max(deepest, depth)
     check(deepest, "MAX_DEPTH", what="brackets within brackets", where=where)
-    for line in text.split("\n"):
-        if line.count(".") > limit("MAX_DEPTH"):
-            parts = max(
-                (part.count(".") + 1 for part in re.findall(r"[\w.\" -]+", line.partition("=")[0])), default=0
-            )
-            check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
+    parts = max((key[0].count(".") + 1 for key in re.finditer(r"[\w\"-][\w.\" -]*", text)), default=0)
+    check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
     digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
     check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
 

@@ -115,13 +115,9 @@ def answers(path: str, wanted: Mapping[str, str]) -> Iterator[Answer]:
 def _decode_picture(message: Message, where: str) -> Iterator[Answer]:
     """Yield a picture (H, W, 3) of grey levels as a file: raw ones become PNG, compressed ones are kept."""
     found = _decoded(message, (IMAGE, COMPRESSED), where)
-    data, ending = b"", ".png"
-    if message.kind == IMAGE:
-        data = _png(found, where)
-    else:
-        data = bytes(found.data)
-        check_picture(data, where=where)
-        ending = ".jpg" if data.startswith(b"\xff\xd8") else ".png" if data.startswith(b"\x89PNG") else ""
+    data = _png(found, where) if message.kind == IMAGE else bytes(found.data)
+    check_picture(data, where=where)
+    ending = ".jpg" if data.startswith(b"\xff\xd8") else ".png" if data.startswith(b"\x89PNG") else ""
     if not ending:
         raise InputError("packed pictures are JPEG or PNG", where=where, value=found.format)
     yield *_stamp(found, message, where), ending, data
