@@ -125,44 +125,32 @@ def calls(path: str) -> Iterator[Answer]:
 
 
 def _load(file: Path) -> Effect:
-    """Run a file, and return its effect."""
+    """Run a file, and return its effect. Raises InputError where it fails, or what it states is not complete."""
     spec = importlib.util.spec_from_file_location(f"private_effect_{file.stem}", file)
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
+        kinds = [kind for _, kind in inspect.getmembers(module, inspect.isclass) if kind.__module__ == spec.name]
+        own = [kind for kind in kinds if issubclass(kind, EffectBase)]
+        made = [kind() for kind in own[:1]]
+        complete = [
+            one.key and hasattr(one, "stage") and one.parameters and "apply" in vars(own[0]) for one in made
+        ]
     except InputError:
         raise
     except BaseException as fault:  # the file may raise anything
         raise InputError(f"the effect's file fails: {type(fault).__name__}: {fault}", where=file) from fault
-    own = [
-        kind
-        for _, kind in inspect.getmembers(module, inspect.isclass)
-        if issubclass(kind, EffectBase) and kind.__module__ == module.__name__
-    ]
+    names = [kind.__name__ for kind in own]
     if len(own) != 1:
+        remedy = "`tactilevision new-effect` writes one to begin from."
         raise InputError(
-            "an effect's file defines one subclass of EffectBase",
-            where=file,
-            value=[kind.__name__ for kind in own],
-            remedy="`tactilevision new-effect` writes one to begin from.",
+            "an effect's file defines one subclass of EffectBase", where=file, value=names, remedy=remedy
         )
-    return checked(own[0], file)
-
-
-def checked(kind: type[EffectBase], where: Path) -> Effect:
-    """Return an instance of the effect. Raises InputError where a declaration is missing or its key is taken."""
-    try:
-        effect = kind()
-        table = effect.parameters
-    except InputError:
-        raise
-    except BaseException as fault:
-        raise InputError(f"the effect cannot be made: {type(fault).__name__}: {fault}", where=where) from fault
-    if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
-        raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
-    if not isinstance(effect.key, str) or effect.key in EFFECTS:
+    if not all(complete):
+        raise InputError("an effect has a key, a stage, parameters and apply", where=file, value=names[0])
+    if not isinstance(made[0].key, str) or made[0].key in EFFECTS:
         said = "an effect's key is a name that no effect of the catalogue has"
-        raise InputError(said, where=where, value=effect.key, remedy="Choose another name, in quotes.")
-    return effect
+        raise InputError(said, where=file, value=made[0].key, remedy="Choose another name, in quotes.")
+    return made[0]

@@ -26,12 +26,16 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_COLOURS = {"rgb8": (3, False), "bgr8": (3, True), "rgba8": (4, False), "bgra8": (4, True), "8UC3": (3, True)}
-_PAIRED = {  # two pixels share their colour, as USB cameras send it
-    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
-    "uyvy": cv2.COLOR_YUV2BGR_UYVY,
-    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
-    "yuyv": cv2.COLOR_YUV2BGR_YUY2,
+_COLOURS = {  # bytes of a pixel, and how OpenCV makes blue, green and red of it
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),  # two pixels share their colour, as USB cameras send it
+    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": (2, cv2.COLOR_YUV2BGR_YUY2),
 }
 
 
@@ -161,10 +165,10 @@ def _short(name: str, where: str) -> str:
 
 def _png(found: Any, where: str) -> bytes:
     """Encode a raw picture as PNG."""
-    if found.encoding not in {*_COLOURS, *_PAIRED}:
-        remedy = "Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + "."
+    if found.encoding not in _COLOURS:
+        remedy = f"Slopes are read from colours of 8 bits: {', '.join(_COLOURS)}."
         raise InputError("colours of this encoding are not read", where=where, value=found.encoding, remedy=remedy)
-    channels, blue_first = _COLOURS.get(found.encoding, (2, True))
+    channels, order = _COLOURS[found.encoding]
     data = np.asarray(found.data, np.uint8)
     if found.step < channels * found.width or len(data) != found.step * found.height or not len(data):
         raise InputError(
@@ -172,13 +176,11 @@ def _png(found: Any, where: str) -> bytes:
             where=where,
             value=f"{found.width} x {found.height}, step {found.step}, {len(data)} bytes",
         )
+    if channels == 2 and found.width % 2:
+        raise InputError("a picture of paired pixels has an odd width", where=where, value=found.width)
     rows = data.reshape(found.height, found.step)[:, : channels * found.width]
-    picture = rows.reshape(found.height, found.width, channels)[..., :3]
-    if found.encoding in _PAIRED:
-        if found.width % 2:
-            raise InputError("a picture of paired pixels has an odd width", where=where, value=found.width)
-        picture = cv2.cvtColor(np.ascontiguousarray(picture), _PAIRED[found.encoding])
-    _, packed = cv2.imencode(".png", picture if blue_first else np.ascontiguousarray(picture[..., ::-1]))
+    picture = np.ascontiguousarray(rows).reshape(found.height, found.width, channels)
+    _, packed = cv2.imencode(".png", picture if order is None else cv2.cvtColor(picture, order))
     return packed.tobytes()
 
 
