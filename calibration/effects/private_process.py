@@ -134,7 +134,7 @@ def _load(file: Path) -> Effect:
         spec.loader.exec_module(module)
         kinds = [kind for _, kind in inspect.getmembers(module, inspect.isclass) if kind.__module__ == spec.name]
         own = [kind for kind in kinds if issubclass(kind, EffectBase)]
-        made = [kind() for kind in own[:1]]
+        made = [kind() for kind in own if len(own) == 1]
         complete = [
             one.key and hasattr(one, "stage") and one.parameters and "apply" in vars(own[0]) for one in made
         ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import stat
@@ -180,10 +179,8 @@ def number(value: object, *, what: str, where: object) -> float | None:
     """
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         raise InputError(f"{what} is no number", where=where, value=str(value)[:40])
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{what} is no finite number", where=where, value=value)
     check(abs(value), "MAX_NUMBER", what=what, where=where)
     return float(value)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -66,15 +66,6 @@ class WrenchReading:
     torque_Nm: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """Transform of a frame of reference: the quaternion (4,), dimensionless, with v_parent = R v_child."""
-
-    child: str
-    parent: str
-    quaternion: list[float]
-
-
 @cache
 def typestore(encoding: str) -> Any:
     """Return the message types of ROS 1 or 2."""
@@ -89,7 +80,10 @@ def typestore(encoding: str) -> Any:
 
 
 def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple[str, Any]]:
-    """Yield a word of `wanted` and a Picture, WrenchReading or Turn for each message of its topic, in order.
+    """Yield a word of `wanted` and what a message of its topic holds, in order.
+
+    This is a Picture, a WrenchReading, or a transform: the frames child and parent, and a quaternion (4,),
+    dimensionless, with v_parent = R v_child.
 
     The words are picture, wrench, tf and tf_static; None is no topic. `topics` are entered at the end, with their
     types. Raises InputError for a log that is damaged or beyond the limits, and for a message of another type.
@@ -103,7 +97,7 @@ def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple
         elif word == "wrench":
             yield word, WrenchReading(Stamp(*parts[:3]), parts[3][:3], parts[3][3:])
         else:
-            yield word, Turn(*parts)
+            yield word, parts
 
 
 def answers(path: str, wanted: Mapping[str, str]) -> Iterator[Answer]:
@@ -249,27 +243,6 @@ FIXED_RAD = 2e-3  # a joint at rest is read to a tenth of a degree; this is less
 UNIT = 1e-3  # tolerance of a quaternion's length of 1, for quaternions of 32 bits
 
 
-@dataclass(slots=True)
-class _Tree:
-    parents: dict[str, tuple[str, Rotation]] = field(default_factory=dict)
-    moving: set[str] = field(default_factory=set)
-
-    def add(self, child: str, parent: str, turn: Rotation) -> None:
-        known = self.parents.setdefault(child, (parent, turn))
-        if known[0] != parent or (known[1].inv() * turn).magnitude() > FIXED_RAD:
-            self.moving.add(child)
-
-    def way_up(self, frame: str, start: Rotation) -> dict[str, Rotation]:
-        """Return the rotation of `frame` in each frame that it is fixed to, itself the first with `start`."""
-        ways = {frame: start}
-        while frame in self.parents and frame not in self.moving:
-            turned, (frame, turn) = ways[frame], self.parents[frame]
-            if frame in ways:
-                break
-            ways[frame] = turn * turned
-        return ways
-
-
 def fixed_rotation(log: Path, of: str, into: str) -> Floats | None:
     """Return R (3, 3), dimensionless, with v_into = R v_of; None where the frames are not fixed to each other.
 
@@ -277,13 +250,28 @@ def fixed_rotation(log: Path, of: str, into: str) -> Floats | None:
     """
     from scipy.spatial.transform import Rotation  # which takes a while to load
 
-    tree = _Tree()
-    for word, one in read_log(log, {}, tf="/tf", tf_static="/tf_static"):
-        if not abs(float(np.linalg.norm(one.quaternion)) - 1.0) < UNIT:
-            said = f"the transform of {one.child.lstrip('/')!r} is no rotation"
-            raise InputError(said, where=f"{log}, /{word}", value=one.quaternion)
+    parents: dict[str, tuple[str, Rotation]] = {}
+    moving = set()
+    for word, (child, parent, quaternion) in read_log(log, {}, tf="/tf", tf_static="/tf_static"):
         # names of ROS 1 begin with a slash, those in transforms do not
-        tree.add(one.child.lstrip("/"), one.parent.lstrip("/"), Rotation.from_quat(one.quaternion))
-    theirs, ours = (tree.way_up(frame.lstrip("/"), Rotation.identity()) for frame in (of, into))
+        child, parent = child.lstrip("/"), parent.lstrip("/")
+        if not abs(float(np.linalg.norm(quaternion)) - 1.0) < UNIT:
+            said = f"the transform of {child!r} is no rotation"
+            raise InputError(said, where=f"{log}, /{word}", value=quaternion)
+        known, turn = parents.setdefault(child, (parent, turned := Rotation.from_quat(quaternion)))
+        if known != parent or (turn.inv() * turned).magnitude() > FIXED_RAD:
+            moving.add(child)
+    fixed = {child: way for child, way in parents.items() if child not in moving}
+    theirs, ours = (_way_up(frame.lstrip("/"), fixed, Rotation.identity()) for frame in (of, into))
     shared = next((frame for frame in theirs if frame in ours), None)
     return None if shared is None else np.asarray((ours[shared].inv() * theirs[shared]).as_matrix())
+
+
+def _way_up(frame: str, fixed: Mapping[str, tuple[str, Rotation]], start: Rotation) -> dict[str, Rotation]:
+    """Return the rotation of `frame` in each frame that it is fixed to, itself the first with `start`."""
+    ways, turned = dict[str, Any](), start
+    while frame not in ways:
+        ways[frame] = turned
+        frame, turn = fixed.get(frame, (frame, start))
+        turned = turn * turned
+    return ways
