@@ -63,7 +63,7 @@ _waiting: list[Child] = []
 
 
 class Child:
-    """A process that runs `serve`, in a group of its own; it ends with this object."""
+    """A process that runs `serve`, in a group of its own, and one reader at a time; it ends with this object."""
 
     def __init__(self, settings: Mapping[str, str], *, stderr: int | None = None) -> None:
         code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
@@ -179,14 +179,22 @@ class Answers:
     def __next__(self) -> Answer:
         if self._over is not None:
             raise self._over
+        assert self._child is not None
         try:
-            return self._next()
-        except (StopIteration, InputError) as over:
-            self._over = over
-            raise
+            kind, *words = self._child.receive(self.memory_MB * MB / SHARE)
+            while kind == "answer" and not words:
+                kind, *words = self._child.receive(self.memory_MB * MB / SHARE)
+        except EOFError:
+            self._over = self._ended()
+            raise self._over from None
         except BaseException:  # interrupted: the rest of an answer is in the pipe
             self.close()
             raise
+        if kind == "answer":
+            return tuple(words)
+        _waiting[:], self._child = [self._child], None
+        self._over = raised(kind, *words) if words else StopIteration()
+        raise self._over
 
     def ask(self, word: object, *later: object) -> Answer:
         """Return the answer to a word that the reader takes from `asked`; `later` ones are prepared meanwhile."""
@@ -205,19 +213,6 @@ class Answers:
         if self._child is not None:
             self._child.kill()
             self._child = None
-
-    def _next(self) -> Answer:
-        assert self._child is not None
-        while True:
-            try:
-                kind, *words = self._child.receive(self.memory_MB * MB / SHARE)
-            except EOFError:
-                raise self._ended() from None
-            if kind == "answer" and words:
-                return tuple(words)
-            if kind != "answer":
-                _waiting[:], self._child = [self._child], None
-                raise raised(kind, *words) if words else StopIteration
 
     def _ended(self) -> InputError:
         """Return the reason why the child has ended, or end it for an answer that is none."""
