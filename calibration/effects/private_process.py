@@ -29,6 +29,7 @@ from tactilevision.records.rig import Gel, Indenter
 ABOUT = (*EffectBase.__annotations__, "parameters")  # what an effect states of itself
 _DATA = (Gel, Indenter, Observations, Presses, Shared, EdgeDrop, Slopes, Resultants)
 RECORDS = {kind.__name__ for kind in (*_DATA, State, Stage, Parameter, Prior, ManualCheck)}
+_NUMBERS = (np.ndarray, np.generic)  # which hold numbers, or anything
 _NUMPY = ("_frombuffer", "_reconstruct", "dtype", "ndarray", "scalar")  # what pickles of arrays and numbers call
 _PARTS = ("", *(field.name for field in fields(Observations)))  # "": the whole
 
@@ -74,7 +75,7 @@ class _Packer(pickle.Pickler):
     def persistent_id(self, value: Any) -> tuple[Any, ...] | None:
         if (name := self.names.get(id(value))) is not None or self.made is None:
             return name
-        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in "biuf":
+        if isinstance(value, _NUMBERS) and value.dtype.kind not in "biuf":
             raise TypeError(f"an effect returns real numbers, not {value.dtype}")
         if not isinstance(value, EffectBase):
             return None
