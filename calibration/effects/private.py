@@ -70,7 +70,7 @@ class _Process:
             self._receive(str(self.file), time.monotonic(), WAIT_S)
             if effect is not None:
                 self.call(None)
-        number, where = (effect.number(), f"{effect.kind}.{method}") if effect else (0, str(self.file))
+        number, where = (0, str(self.file)) if effect is None else (effect.number(), f"{effect.kind}.{method}")
         for data in given:
             if type(data) is Observations and id(data) not in self._shelf.names:
                 place, self._sent = self._sent % KEPT, self._sent + 1

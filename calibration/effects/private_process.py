@@ -113,6 +113,9 @@ def calls(path: str) -> Iterator[Answer]:
         number, method, given, errors = shelf.unpack(packed)
         if number is None:
             shelf.keep(*given)
+            for part in (shelf.part(given[0], name) for name in _PARTS):
+                if isinstance(part, np.ndarray):
+                    part.setflags(write=False)
             continue
         try:
             np.seterr(**errors)
