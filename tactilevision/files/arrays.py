@@ -110,7 +110,7 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
         names = packed.namelist()
         if len(set(names)) != len(names) or total > os.fstat(file.fileno()).st_size:
             raise InputError(
-                "the archive states more than the file has, or a name twice",
+                "the archive states more than the file has: a compressed member, or one twice",
                 where=path,
                 value=total,
                 remedy="Take the file that `tactilevision calibrate-sensor` wrote.",
