@@ -7,9 +7,10 @@ import io
 import math
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +29,7 @@ def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
     Raises InputError where it is damaged, holds objects, or is too large.
     """
     with damage(where, what="the array is damaged", remedy=_AGAIN):
-        _check_header(io.BytesIO(data), where)
-        return np.asarray(np.lib.format.read_array(io.BytesIO(data), allow_pickle=False))
+        return _array(partial(io.BytesIO, data), where)
 
 
 def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
@@ -73,34 +73,28 @@ def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
     with damage(where, what="the array is damaged", remedy=_AGAIN), zipfile.ZipFile(file) as packed:
         total = sum(about.file_size for about in packed.infolist())
         check(total / MB, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
-        return {about.filename.removesuffix(".npy"): _member(packed, about, where) for about in packed.infolist()}
+        return {
+            about.filename.removesuffix(".npy"): _array(partial(packed.open, about), f"{where}, {about.filename}")
+            for about in packed.infolist()
+        }
 
 
-def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, source: object) -> npt.NDArray[Any]:
-    where = f"{source}, {about.filename}"
-    with packed.open(about) as member:
-        _check_header(member, where)  # type: ignore[arg-type]
-    with packed.open(about) as member:
-        return np.asarray(np.lib.format.read_array(member, allow_pickle=False))
-
-
-def _check_header(file: BinaryIO, where: object) -> None:
-    """Raise InputError if the header states objects, or more than the limit."""
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
+def _array(opened: Callable[[], IO[bytes]], where: object) -> npt.NDArray[Any]:
+    """Read an array. Raises InputError if the header states objects, or more than the limit."""
+    with opened() as file:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
     if dtype.hasobject:
         what = "the array is damaged, or holds Python objects, which are never read"
         raise InputError(what, where=where, remedy="Store numbers.")
     size = math.prod(int(side) for side in shape) * dtype.itemsize
     check(size / MB, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
+    with opened() as file:
+        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
-# Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
-# and folders are refused.
-
-MAX_MEMBERS = 64  # files in one archive; those of this library hold fewer than ten
-_ENCRYPTED = 0x1  # bit of a member's flags
+# Archives: zip files of members that are stored, not compressed. Nothing is unpacked to disk.
 
 
 def read_archive(path: Path | str) -> dict[str, bytes]:
@@ -111,28 +105,14 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
     """
     with open_regular(path) as file, damage(path, what="the archive is damaged", remedy=_AGAIN):
         packed = zipfile.ZipFile(file)
-        members = packed.infolist()
-        _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
-        return {about.filename: packed.read(about) for about in members}
-
-
-def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
-    total = sum(about.file_size for about in members)
-    check(total / MB, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
-    names = [about.filename for about in members]
-    if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
-        raise InputError(
-            f"the archive holds more than {MAX_MEMBERS} files, or one twice", where=path, value=len(names)
-        )
-    for about in members:
-        stored = about.compress_type == zipfile.ZIP_STORED and about.compress_size == about.file_size
-        named = about.filename and not about.is_dir()
-        if not stored or about.flag_bits & _ENCRYPTED or not named:
+        total = sum(about.file_size for about in packed.infolist())
+        check(total / MB, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
+        names = packed.namelist()
+        if len(set(names)) != len(names) or total > os.fstat(file.fileno()).st_size:
             raise InputError(
-                "the archive holds a compressed, encrypted or unnamed member",
+                "the archive states more than the file has: a compressed member, or one twice",
                 where=path,
-                value=about.filename,
+                value=total,
                 remedy="Take the file that `tactilevision calibrate-sensor` wrote.",
             )
-    if total > size:  # members that share their bytes
-        raise InputError("the archive states more than the file has", where=path, value=total)
+        return {name: packed.read(name) for name in names}

@@ -1,4 +1,4 @@
-"""Read TOML and JSON of bounded size and depth; write and read cells of CSV tables safely."""
+"""Read TOML and JSON of bounded size; write and read cells of CSV tables safely."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import io
 import json
 import math
 import re
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tactilevision.errors import InputError, one_line
-from tactilevision.files.opening import MB, check, is_plain, limit, read_bytes
+from tactilevision.files.opening import MB, check, is_plain, read_bytes
 
 _STRINGS = re.compile(  # and comments of TOML; one that is not closed ends with its line or the text: no way back
     r'''"""(?:\\.|[^\\"]|"(?!""))*+(?:""")?|"(?:\\.|[^"\\\n])*+"?|#[^\n]*+|'''
@@ -38,34 +39,37 @@ def read_text(path: Path | str) -> str:
 
 def parse_toml(text: str, *, where: object) -> dict[str, Any]:
     """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
-    _check_nesting(_STRINGS.sub('""', text), where)
+    keys = re.finditer(r"[\w\"-][\w.\" -]*", _STRINGS.sub('""', text))
+    check(
+        max((key[0].count(".") + 1 for key in keys), default=0),
+        "MAX_DEPTH",
+        what="the parts of a key",
+        where=where,
+    )
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
+    except (ValueError, RecursionError, OverflowError) as fault:
         line = re.search(r"line (\d+)", str(fault))
         place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
+        what = f"is not TOML: {fault}"
+        remedy = "Put text in quotes, the name of a table in [brackets]; write numbers with a decimal point."
         if "overwrite" in str(fault) or "twice" in str(fault):
-            raise InputError(
-                "a key or a table is stated twice", where=place, remedy="Keep one of them."
-            ) from fault
-        raise InputError(
-            f"is not TOML: {fault}",
-            where=place,
-            remedy="Put text in quotes, the name of a table in [brackets]; write numbers with a decimal point.",
-        ) from fault
-    except (ValueError, RecursionError, OverflowError) as fault:
-        raise InputError(f"is not TOML: {fault}", where=where) from fault
-    _check_keys(content, where)
+            what, remedy = "a key or a table is stated twice", "Keep one of them."
+        raise InputError(what, where=place, remedy=remedy) from fault
+    _check_values(content, where)
     return content
 
 
-def _check_keys(content: object, where: object) -> None:
-    """Raise InputError for a key with a control character."""
+def _check_values(content: object, where: object) -> None:
+    """Raise InputError for a key with a control character, and a whole number that no float holds."""
+    if isinstance(content, int) and abs(content) > sys.float_info.max:
+        raise InputError("a whole number has more than 308 digits", where=where)
     for key, value in content.items() if isinstance(content, dict) else ():
         if not is_plain(key):
             raise InputError("a key holds a control character", where=where, value=key, remedy="Remove it.")
-        for one in value if isinstance(value, list) else [value]:
-            _check_keys(one, where)
+        _check_values(value, where)
+    for value in content if isinstance(content, list) else ():
+        _check_values(value, where)
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
@@ -112,26 +116,8 @@ def _finite(text: str) -> float:
 
 
 def _whole(text: str) -> int:
-    if len(text) > limit("MAX_DIGITS"):
-        raise ValueError(f"a number of {len(text)} digits")
+    _finite(text)
     return int(text)
-
-
-def _check_nesting(text: str, where: object) -> None:
-    """Raise InputError for deep nesting, keys of many parts, and numbers of many digits."""
-    depth = deepest = 0
-    for mark in re.findall(r"[\[\]{}]", text):
-        depth += 1 if mark in "[{" else -1
-        deepest = max(deepest, depth)
-    check(deepest, "MAX_DEPTH", what="brackets within brackets", where=where)
-    for line in text.split("\n"):
-        if line.count(".") > limit("MAX_DEPTH"):
-            parts = max(
-                (part.count(".") + 1 for part in re.findall(r"[\w.\" -]+", line.partition("=")[0])), default=0
-            )
-            check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
-    digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
-    check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
 
 
 def html_text(text: str) -> str:

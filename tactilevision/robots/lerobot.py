@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -256,20 +255,20 @@ class _Work:
         """Write the tables of episodes with the statistics of the new features."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         for name in episode_files(self.dataset.root):
-            with replacing(folder / name) as temporary, ExitStack() as stack:
-                writer = None
-                for batch in parts(self.dataset.file(name)):
-                    table = self._with_statistics(arrow.Table.from_batches([batch]))
-                    if table.num_rows and writer is None:
-                        new = parquet.ParquetWriter(temporary, table.schema, compression="zstd")
-                        writer = stack.enter_context(new)
-                    if writer is not None:
+            batches = (batch for batch in parts(self.dataset.file(name)) if batch.num_rows)
+            tables = (self._with_statistics(arrow.Table.from_batches([batch])) for batch in batches)
+            for first in islice(tables, 1):
+                with (
+                    replacing(folder / name) as temporary,
+                    parquet.ParquetWriter(temporary, first.schema, compression="zstd") as writer,
+                ):
+                    for table in chain([first], tables):
                         writer.write_table(table)
 
     def _with_statistics(self, table: Any) -> Any:
         """Return a part of a table of episodes with the statistics of the new features."""
         each = [statistics_as_json(self._stats(number)) for number in table.column("episode_index").to_pylist()]
-        for key, stats in each[0].items() if each else ():
+        for key, stats in each[0].items():
             for what in stats:
                 table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
         return table

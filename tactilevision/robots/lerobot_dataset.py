@@ -25,9 +25,7 @@ ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
 INTEGER = "whole numbers"
 NUMBER = "numbers"
 _BYTES = {"binary", "large_binary"}  # types of Arrow
-_NUMERIC = (INTEGER, NUMBER)
 PICTURE = "pictures (structs with bytes)"
-ANY = "numbers, text or bytes, or lists or structs of them"
 
 
 def place_in(root: Path, name: str) -> Path:
@@ -43,37 +41,34 @@ def parts(path: Path, columns: Mapping[str, str] | None = None) -> Iterator[Any]
 
     Raises InputError where the file is damaged, and where a column is missing or of another type.
     """
-    for (packed,) in Answers(batches, str(path), columns, files=[path]):
+    for (packed,) in Answers(batches, str(path), dict(columns or {}), files=[path]):
         with damage(path, remedy=AGAIN), library("pyarrow").ipc.open_stream(packed) as stream:
             batch = stream.read_next_batch()
             batch.validate(full=True)
         yield batch
 
 
-def batches(path: str, columns: Mapping[str, str] | None) -> Iterator[Answer]:
-    """Yield, in a child process, rows as streams of Arrow; a part without rows is the first."""
+def batches(path: str, columns: Mapping[str, str]) -> Iterator[Answer]:
+    """Yield, in a child process, rows as streams of Arrow; a part without rows is the first. No column: all."""
     arrow = library("pyarrow")
     with library("pyarrow.parquet").ParquetFile(path, buffer_size=MB) as file:
         schema = file.schema_arrow.remove_metadata()
-        if columns is not None:
-            missing = [name for name in columns if schema.get_field_index(name) < 0]
-            if missing:
-                raise InputError("a column is missing, or occurs twice", where=path, value=missing[0])
-            schema = arrow.schema([schema.field(name) for name in columns])
-        kinds = dict.fromkeys(schema.names, ANY) if columns is None else columns
-        for field in schema:
-            if not _holds(field.type, kinds[field.name]):
-                what = f"column {field.name} does not hold {kinds[field.name]}"
-                raise InputError(what, where=path, value=str(field.type)[:80])
+        for name, kind in columns.items():
+            if schema.get_field_index(name) < 0:
+                raise InputError("a column is missing, or occurs twice", where=path, value=name)
+            found = schema.field(name).type
+            if not _holds(found, kind):
+                raise InputError(f"column {name} does not hold {kind}", where=path, value=str(found)[:80])
+        schema = arrow.schema([schema.field(name) for name in columns or range(len(schema))])
         first = [arrow.RecordBatch.from_pylist([], schema)]
-        names = None if columns is None else list(columns)
+        names = list(columns) or None
         for batch in chain(first, file.iter_batches(batch_size=ROWS, columns=names, use_threads=False)):
-            empty = [name for name, kind in kinds.items() if kind in _NUMERIC and batch.column(name).null_count]
+            empty = [name for name in columns if columns[name] != PICTURE and batch.column(name).null_count]
             if empty:
                 raise InputError(f"column {empty[0]} has an empty cell", where=path)
             sink = arrow.BufferOutputStream()
             with arrow.ipc.new_stream(sink, schema) as stream:
-                stream.write_batch(batch if names is None else batch.select(names))
+                stream.write_batch(batch.select(schema.names))
             yield (np.frombuffer(sink.getvalue(), np.uint8),)
 
 
@@ -82,14 +77,7 @@ def _holds(kind: Any, wanted: str) -> bool:
     types = library("pyarrow.types")
     if wanted == PICTURE:
         return bool(types.is_struct(kind)) and {str(one.type) for one in kind if one.name == "bytes"} <= _BYTES
-    if wanted in _NUMERIC:
-        return bool(types.is_integer(kind) or (wanted == NUMBER and types.is_floating(kind)))
-    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind) or types.is_struct(kind):
-        return all(_holds(kind.field(number).type, ANY) for number in range(kind.num_fields))
-    named = (
-        "null boolean integer floating decimal temporal string large_string binary large_binary fixed_size_binary"
-    )
-    return any(getattr(types, f"is_{name}")(kind) for name in named.split())
+    return bool(types.is_integer(kind) or (wanted == NUMBER and types.is_floating(kind)))
 
 
 # Metadata: meta/info.json and meta/episodes.
@@ -273,8 +261,8 @@ def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
                 at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)
                 found.append(Episode(number, length, (chunk, file), at, from_s))
     found.sort(key=lambda one: one.number)
-    if not found or [one.number for one in found] != list(range(len(found))):
-        missing = next((k for k, one in enumerate(found) if one.number != k), len(found))
+    missing = next((k for k, one in enumerate(found) if one.number != k), None if found else 0)
+    if missing is not None:
         raise InputError("the data set lacks an episode", where=root / EPISODES, value=missing)
     return tuple(found)
 

@@ -212,15 +212,14 @@ def _listed(topics: Topics) -> str:
 
 def _not_taken(topics: Topics, taken: set[str | None]) -> tuple[str, ...]:
     """Return sentences of the topics that were not taken: those that an option takes, by option, and the rest."""
-    rest = {name: ros2_name(kind) for name, kind in topics.items() if name not in taken}
+    by_option: dict[str, Topics] = {option: {} for option in (*OPTIONS.values(), "no option")}
+    for name, kind in topics.items():
+        if name not in taken and ros2_name(kind) != TRANSFORMS:
+            by_option[OPTIONS.get(ros2_name(kind), "no option")][name] = ros2_name(kind)
     said = []
-    for option in dict.fromkeys(OPTIONS.values()):
-        takes = {name: kind for name, kind in rest.items() if OPTIONS.get(kind) == option}
-        said += [f"the log also has {_listed(takes)}; {option} takes {'one' if len(takes) > 1 else 'it'}"] * bool(
-            takes
-        )
-    others = {name: kind for name, kind in rest.items() if kind not in (*OPTIONS, TRANSFORMS)}
-    said += [f"the log also has {_listed(others)}; no option takes these"] * bool(others)
+    for option, some in by_option.items():
+        which = "these" if option == "no option" else "it" if len(some) == 1 else "one"
+        said += [f"the log also has {_listed(some)}; {option} takes {which}"] if some else []
     return tuple(said)
 
 

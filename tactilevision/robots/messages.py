@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -26,12 +26,16 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_COLOURS = {"rgb8": (3, False), "bgr8": (3, True), "rgba8": (4, False), "bgra8": (4, True), "8UC3": (3, True)}
-_PAIRED = {  # two pixels share their colour, as USB cameras send it
-    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
-    "uyvy": cv2.COLOR_YUV2BGR_UYVY,
-    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
-    "yuyv": cv2.COLOR_YUV2BGR_YUY2,
+_COLOURS = {  # bytes of a pixel, and how OpenCV makes blue, green and red of it
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),  # two pixels share their colour, as USB cameras send it
+    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": (2, cv2.COLOR_YUV2BGR_YUY2),
 }
 
 
@@ -62,15 +66,6 @@ class WrenchReading:
     torque_Nm: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """Transform of a frame of reference: the quaternion (4,), dimensionless, with v_parent = R v_child."""
-
-    child: str
-    parent: str
-    quaternion: list[float]
-
-
 @cache
 def typestore(encoding: str) -> Any:
     """Return the message types of ROS 1 or 2."""
@@ -85,7 +80,10 @@ def typestore(encoding: str) -> Any:
 
 
 def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple[str, Any]]:
-    """Yield a word of `wanted` and a Picture, WrenchReading or Turn for each message of its topic, in order.
+    """Yield a word of `wanted` and what a message of its topic holds, in order.
+
+    This is a Picture, a WrenchReading, or a transform: the frames child and parent, and a quaternion (4,),
+    dimensionless, with v_parent = R v_child.
 
     The words are picture, wrench, tf and tf_static; None is no topic. `topics` are entered at the end, with their
     types. Raises InputError for a log that is damaged or beyond the limits, and for a message of another type.
@@ -99,7 +97,7 @@ def read_log(path: Path, topics: Topics, **wanted: str | None) -> Iterator[tuple
         elif word == "wrench":
             yield word, WrenchReading(Stamp(*parts[:3]), parts[3][:3], parts[3][3:])
         else:
-            yield word, Turn(*parts)
+            yield word, parts
 
 
 def answers(path: str, wanted: Mapping[str, str]) -> Iterator[Answer]:
@@ -115,13 +113,9 @@ def answers(path: str, wanted: Mapping[str, str]) -> Iterator[Answer]:
 def _decode_picture(message: Message, where: str) -> Iterator[Answer]:
     """Yield a picture (H, W, 3) of grey levels as a file: raw ones become PNG, compressed ones are kept."""
     found = _decoded(message, (IMAGE, COMPRESSED), where)
-    data, ending = b"", ".png"
-    if message.kind == IMAGE:
-        data = _png(found, where)
-    else:
-        data = bytes(found.data)
-        check_picture(data, where=where)
-        ending = ".jpg" if data.startswith(b"\xff\xd8") else ".png" if data.startswith(b"\x89PNG") else ""
+    data = _png(found, where) if message.kind == IMAGE else bytes(found.data)
+    check_picture(data, where=where)
+    ending = ".jpg" if data.startswith(b"\xff\xd8") else ".png" if data.startswith(b"\x89PNG") else ""
     if not ending:
         raise InputError("packed pictures are JPEG or PNG", where=where, value=found.format)
     yield *_stamp(found, message, where), ending, data
@@ -165,10 +159,10 @@ def _short(name: str, where: str) -> str:
 
 def _png(found: Any, where: str) -> bytes:
     """Encode a raw picture as PNG."""
-    if found.encoding not in {*_COLOURS, *_PAIRED}:
-        remedy = "Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + "."
+    if found.encoding not in _COLOURS:
+        remedy = f"Slopes are read from colours of 8 bits: {', '.join(_COLOURS)}."
         raise InputError("colours of this encoding are not read", where=where, value=found.encoding, remedy=remedy)
-    channels, blue_first = _COLOURS.get(found.encoding, (2, True))
+    channels, order = _COLOURS[found.encoding]
     data = np.asarray(found.data, np.uint8)
     if found.step < channels * found.width or len(data) != found.step * found.height or not len(data):
         raise InputError(
@@ -176,13 +170,11 @@ def _png(found: Any, where: str) -> bytes:
             where=where,
             value=f"{found.width} x {found.height}, step {found.step}, {len(data)} bytes",
         )
+    if channels == 2 and found.width % 2:
+        raise InputError("a picture of paired pixels has an odd width", where=where, value=found.width)
     rows = data.reshape(found.height, found.step)[:, : channels * found.width]
-    picture = rows.reshape(found.height, found.width, channels)[..., :3]
-    if found.encoding in _PAIRED:
-        if found.width % 2:
-            raise InputError("a picture of paired pixels has an odd width", where=where, value=found.width)
-        picture = cv2.cvtColor(np.ascontiguousarray(picture), _PAIRED[found.encoding])
-    _, packed = cv2.imencode(".png", picture if blue_first else np.ascontiguousarray(picture[..., ::-1]))
+    picture = np.ascontiguousarray(rows).reshape(found.height, found.width, channels)
+    _, packed = cv2.imencode(".png", picture if order is None else cv2.cvtColor(picture, order))
     return packed.tobytes()
 
 
@@ -251,27 +243,6 @@ FIXED_RAD = 2e-3  # a joint at rest is read to a tenth of a degree; this is less
 UNIT = 1e-3  # tolerance of a quaternion's length of 1, for quaternions of 32 bits
 
 
-@dataclass(slots=True)
-class _Tree:
-    parents: dict[str, tuple[str, Rotation]] = field(default_factory=dict)
-    moving: set[str] = field(default_factory=set)
-
-    def add(self, child: str, parent: str, turn: Rotation) -> None:
-        known = self.parents.setdefault(child, (parent, turn))
-        if known[0] != parent or (known[1].inv() * turn).magnitude() > FIXED_RAD:
-            self.moving.add(child)
-
-    def way_up(self, frame: str, start: Rotation) -> dict[str, Rotation]:
-        """Return the rotation of `frame` in each frame that it is fixed to, itself the first with `start`."""
-        ways = {frame: start}
-        while frame in self.parents and frame not in self.moving:
-            turned, (frame, turn) = ways[frame], self.parents[frame]
-            if frame in ways:
-                break
-            ways[frame] = turn * turned
-        return ways
-
-
 def fixed_rotation(log: Path, of: str, into: str) -> Floats | None:
     """Return R (3, 3), dimensionless, with v_into = R v_of; None where the frames are not fixed to each other.
 
@@ -279,13 +250,28 @@ def fixed_rotation(log: Path, of: str, into: str) -> Floats | None:
     """
     from scipy.spatial.transform import Rotation  # which takes a while to load
 
-    tree = _Tree()
-    for word, one in read_log(log, {}, tf="/tf", tf_static="/tf_static"):
-        if not abs(float(np.linalg.norm(one.quaternion)) - 1.0) < UNIT:
-            said = f"the transform of {one.child.lstrip('/')!r} is no rotation"
-            raise InputError(said, where=f"{log}, /{word}", value=one.quaternion)
+    parents: dict[str, tuple[str, Rotation]] = {}
+    moving = set()
+    for word, (child, parent, quaternion) in read_log(log, {}, tf="/tf", tf_static="/tf_static"):
         # names of ROS 1 begin with a slash, those in transforms do not
-        tree.add(one.child.lstrip("/"), one.parent.lstrip("/"), Rotation.from_quat(one.quaternion))
-    theirs, ours = (tree.way_up(frame.lstrip("/"), Rotation.identity()) for frame in (of, into))
+        child, parent = child.lstrip("/"), parent.lstrip("/")
+        if not abs(float(np.linalg.norm(quaternion)) - 1.0) < UNIT:
+            said = f"the transform of {child!r} is no rotation"
+            raise InputError(said, where=f"{log}, /{word}", value=quaternion)
+        known, turn = parents.setdefault(child, (parent, turned := Rotation.from_quat(quaternion)))
+        if known != parent or (turn.inv() * turned).magnitude() > FIXED_RAD:
+            moving.add(child)
+    fixed = {child: way for child, way in parents.items() if child not in moving}
+    theirs, ours = (_way_up(frame.lstrip("/"), fixed, Rotation.identity()) for frame in (of, into))
     shared = next((frame for frame in theirs if frame in ours), None)
     return None if shared is None else np.asarray((ours[shared].inv() * theirs[shared]).as_matrix())
+
+
+def _way_up(frame: str, fixed: Mapping[str, tuple[str, Rotation]], start: Rotation) -> dict[str, Rotation]:
+    """Return the rotation of `frame` in each frame that it is fixed to, itself the first with `start`."""
+    ways, turned = dict[str, Any](), start
+    while frame not in ways:
+        ways[frame] = turned
+        frame, turn = fixed.get(frame, (frame, start))
+        turned = turn * turned
+    return ways

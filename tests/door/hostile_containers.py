@@ -150,10 +150,11 @@ view_without_end = _database(TOPICS, TOPIC, _view("messages", f"{MESSAGE} x'00' 
 view_of_gigabytes = _database(TOPICS, TOPIC, _view("messages", f"{MESSAGE} zeroblob(500000000) AS data"))
 topics_without_end = _database(MESSAGES, _view("topics", "x AS id, x AS name, x AS type"))
 calculated_column = _database(
-    TOPICS, TOPIC,
+    TOPICS,
+    TOPIC,
     "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",
     "INSERT INTO messages(topic_id, timestamp) VALUES (1, 1), (1, 2)",
-)  # fmt: skip
+)
 
 
 def endless_tree(path: Path) -> None:

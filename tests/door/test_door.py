@@ -159,13 +159,15 @@ def test_a_flipped_byte_never_gets_through_as_another_error(
     [
         (".".join(["a"] * 20_000) + " = 1", "parts of a key"),
         ("[" + ".".join(['"a"'] * 20_000) + "]", "parts of a key"),
-        ("a = " + "[" * 2_000, "brackets"),
+        ("a = " + "[" * 2_000, "recursion"),
         ("a = " + "9" * 5_000, "digits"),
+        ("a = [{b = " + "9" * 400 + "}]", "digits"),
+        ("a = 0x" + "F" * 400, "digits"),
         ("a = [", "is not TOML"),
         ("a = 1\na = 2", "twice"),
     ],
 )
-def test_toml_beyond_the_limits_is_refused_before_it_is_parsed(text: str, why: str) -> None:
+def test_toml_beyond_the_limits_is_refused(text: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
         parse_toml(text, where="recording.toml")
 
@@ -175,10 +177,10 @@ def test_ordinary_toml_passes() -> None:
     assert parse_toml(text, where="")["sensor"] == {"gel": {"thickness_mm": 3.0}}
 
 
-DEEP, LONG = '{"a": ' + "[" * 100_000, '{"a": ' + "9" * 5_000 + "}"
+DEEP, LONG, LARGE = '{"a": ' + "[" * 100_000, '{"a": ' + "9" * 5_000 + "}", '{"a": ' + "9" * 400 + "}"
 
 
-@each("text", ['{"a": 1e400}', '{"a": NaN}', DEEP, LONG, "[1]", "{", '"a"', "\ufeff"])
+@each("text", ['{"a": 1e400}', '{"a": NaN}', DEEP, LONG, LARGE, "[1]", "{", '"a"', "\ufeff"])
 def test_json_that_is_no_table_of_finite_numbers_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(text, encoding="utf-8")

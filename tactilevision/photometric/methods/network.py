@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -68,14 +67,13 @@ def _checked(content: bytes, where: Path) -> bytes:
     with damage(where, what="the network cannot be read"):
         model = onnx.load_from_string(content)
         model.DiscardUnknownFields()
-        checked, parts = model.SerializeToString(), list(_parts(model))
-        found = set().union(*map(_unsupported, parts))
+        checked, found = model.SerializeToString(), _unsupported(model)
         largest = 0.0 if found else _largest_step(model)
-    if found or sum(part.DESCRIPTOR.name == "GraphProto" for part in parts) > 1:
+    if found:
         raise InputError(
             "the network holds more than supported operators and their weights",
             where=where,
-            value=", ".join(sorted(found))[:200] or "a graph within a step",
+            value=", ".join(sorted(found))[:200],
             remedy="Use convolutions and element-wise functions only.",
         )
     if largest > MAX_STEP:
@@ -86,7 +84,7 @@ def _checked(content: bytes, where: Path) -> bytes:
 
 
 def _unsupported(part: Any) -> set[str]:
-    """Return names of what a message of ONNX holds besides steps of OPERATORS and weights."""
+    """Return names of what a message of ONNX and all within it holds besides steps of OPERATORS and weights."""
     kind = str(part.DESCRIPTOR.name)
     found = {kind} - _PARTS
     if kind == "NodeProto":
@@ -95,16 +93,13 @@ def _unsupported(part: Any) -> set[str]:
         found |= {str(part.domain)} - {"", "ai.onnx"}
     if kind == "TensorProto" and (part.data_location or part.external_data):
         found.add("weights in other files")
-    return found
-
-
-def _parts(message: Any) -> Iterator[Any]:
-    """Yield a message of protobuf and all within it."""
-    yield message
-    for field, value in message.ListFields():
+    for field, value in part.ListFields():
         if field.message_type is not None:
-            for part in [value] if hasattr(value, "ListFields") else value:
-                yield from _parts(part)
+            if kind != "ModelProto":
+                found |= {field.message_type.name} & {"GraphProto"}
+            for inner in [value] if hasattr(value, "ListFields") else value:
+                found |= _unsupported(inner)
+    return found
 
 
 def _largest_step(model: Any) -> float:
