@@ -93,27 +93,35 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
         for name, cells in zip(header, zip(*chunk, strict=True), strict=True):
             if name in numbers:
                 empty_allowed = name not in columns.numbers
-                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed, factors.get(name)))
+                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
             else:
                 texts[name].extend(cell_text(cell.strip()).strip() for cell in cells)
     if not lines:
         raise RecordingError("has no rows under its header", where=path)
     if len(lines) < least_rows:
         raise RecordingError(f"has {len(lines)} row, at least {least_rows} are needed", where=path)
+    converted = ((name, values, factors.get(name, ("", Fraction(1)))) for name, values in numbers.items())
     table = Table(
         path,
         np.array(lines, dtype=np.int64),
-        numbers={name: np.array(values) for name, values in numbers.items()},
+        numbers={name: scaled(np.array(values), factor) for name, values, (_, factor) in converted},
         words={name: texts[name] for name in header if name in columns.words + columns.maybe_words},
         extra={name: _guess(texts[name]) for name in header if name not in columns.known},
         warnings=(*_converted(path, factors), *_misspelt(path, header, columns)),
     )
-    _check_words(table, columns)
+    _check_cells(table, columns)
     return table
 
 
-def _check_words(table: Table, columns: Columns) -> None:
-    """Raise RecordingError for missing text, and for control characters."""
+def _check_cells(table: Table, columns: Columns) -> None:
+    """Raise RecordingError for missing text, control characters, and impossible numbers."""
+    for name, values in table.numbers.items():
+        remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * (
+            name not in columns.numbers
+        )
+        for row in np.flatnonzero(outside(values, name))[:1].tolist():
+            raise table.fault(row, impossible(name), value=float(values[row]), remedy=remedy)
+        check_numbers(values, what=f"a number of column {name}", where=table.path)
     for name, words in table.words.items():
         for row, word in enumerate(words):
             if not word and name in columns.words:
@@ -195,14 +203,7 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
         yield [line for line, _ in some], [row for _, row in some]
 
 
-def _numbers(
-    path: Path,
-    name: str,
-    cells: Sequence[str],
-    lines: list[int],
-    empty_allowed: bool,
-    converted: tuple[str, Fraction] | None,
-) -> Floats:
+def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
     try:
         if "_" in "".join(cells):
             raise ValueError  # float() ignores it
@@ -219,14 +220,6 @@ def _numbers(
             value=cells[first],
             remedy=_remedy(cells[first].strip(), line=lines[first]),
         )
-    if converted is not None:
-        values = scaled(values, converted[1])
-    remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * empty_allowed
-    for row in np.flatnonzero(outside(values, name))[:1]:
-        raise RecordingError(
-            impossible(name), where=f"{path}, line {lines[row]}", value=float(values[row]), remedy=remedy
-        )
-    check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values
 
 
