@@ -122,7 +122,8 @@ def register(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> Registered:
         raise _other_view(f"the frames {flip} against it", "Save both in the same way.")
     before = spread(_centred(now - light))
     fine = np.asarray(np.median([log_blocks(rgb, FINE) for rgb in _spaced(pictures, MIN_PICTURES)], axis=0))
-    place = _search(log_blocks(reference, FINE), fine, _fit(light, now), 0.02)
+    coarse = [_search(light, now, np.array([start, 0.0, 0.0])) for start in STARTS]
+    place = _search(log_blocks(reference, FINE), fine, min(coarse, key=partial(_off, before=light, now=now)), 0.02)
     left = spread(_centred(now - _warped(light, place)))
     if left < min(REGISTERED * before, CHANGED):
         return _registered(flats, pictures, place)
@@ -168,12 +169,6 @@ def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
         if name and any(shared_detail(turned, rgb) > SHIFT_SIGMA for rgb in some):
             return f"are {name}"
     return ""
-
-
-def _fit(before: Floats, now: Floats) -> Floats:
-    """Return ln of scale, and shift (x, y) in half pictures, at which the light `before` is that of `now`."""
-    found = [_search(before, now, np.array([start, 0.0, 0.0])) for start in STARTS]
-    return min(found, key=lambda place: _off(place, before, now))
 
 
 def _search(before: Floats, now: Floats, start: Floats, step: float = 1.0) -> Floats:

@@ -116,9 +116,9 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
 def _check_cells(table: Table, columns: Columns) -> None:
     """Raise RecordingError for missing text, control characters, and impossible numbers."""
     for name, values in table.numbers.items():
-        remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * (
-            name not in columns.numbers
-        )
+        remedy = "Is it in another unit?"
+        if name not in columns.numbers:
+            remedy += " Leave a cell empty if it is not known."
         for row in np.flatnonzero(outside(values, name))[:1].tolist():
             raise table.fault(row, impossible(name), value=float(values[row]), remedy=remedy)
         check_numbers(values, what=f"a number of column {name}", where=table.path)

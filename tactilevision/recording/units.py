@@ -62,7 +62,7 @@ def _stated(name: str) -> tuple[str, str]:
 
 
 def _matches(name: str, known: Iterable[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield each `known` name of the quantity that `name` may state, the unit that it may state, and the known one."""
+    """Yield each `known` name of a quantity that `name` may state, its unit, and that of the known one."""
     stated = [(other, *_stated(other)) for other in known]
     for stem, unit in _splits(name):
         yield from ((other, unit, own) for other, known_stem, own in stated if own and stem == known_stem)
