@@ -21,7 +21,7 @@ COMMANDS = {  # module, function, option that names the results to be locked, su
         "calibrate",
         "calibrate",
         "out",
-        "Certify each press, then fit Young's modulus and Poisson's ratio.",
+        "Fit Young's modulus and Poisson's ratio to certified presses.",
     ),
     "calibrate-sensor": ("train", "calibrate_sensor", "out file", "Write a sensor profile for --sensor FILE.tvs."),
     "depth": ("depth", "depth", "out", "Turn frames into height maps."),

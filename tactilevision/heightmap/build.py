@@ -326,20 +326,18 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
 
     sensor, raw = recording.sensor, read_flats(recording)
     flats = [rectify(sensor, rgb) for rgb in raw]
-    balls_alone = not pictures
-    if balls_alone:
-        pictures = [
-            rectify(sensor, read_reference(recording, ball.path)) for ball in recording.balls[:FRAMES_READ]
-        ]
+    pressing, by_balls = recording.balls[:FRAMES_READ], not pictures
+    if by_balls:
+        pictures = [rectify(sensor, read_reference(recording, ball.path)) for ball in pressing]
     if len({rgb.shape for rgb in flats}) != 1 or not (pictures := reference_view.shown(pictures, flats)):
         return Registered(raw)
     reference_view.check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
     if not recording.flats or reference_view.in_view_of(flats, pictures):
         return Registered(raw)
-    balls = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
-    others = balls if balls_alone else [one.rgb for one in reference_match.spread_frames(recording, raw=True)]
+    balls = [read_reference(recording, ball.path) for ball in pressing]
+    others = balls if by_balls else [one.rgb for one in reference_match.spread_frames(recording, raw=True)]
     found = reference_view.register(raw, reference_view.shown(others, raw))
-    pressed = [] if balls_alone else [rectify(sensor, rgb) for rgb in balls]
+    pressed = [] if by_balls else [rectify(sensor, rgb) for rgb in balls]
     if found.note and pressed and reference_view.in_view_of(flats, pressed):
         raise InputError(
             "the frames are not of the view of the reference and the ball presses",

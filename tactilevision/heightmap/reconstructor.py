@@ -30,16 +30,7 @@ from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.records.certified import TaughtWalls
-from tactilevision.records.maps import (
-    INCONSISTENT,
-    SHADOW,
-    STEEP,
-    Frame,
-    HeightMap,
-    SlopeMap,
-    add,
-    as_frame,
-)
+from tactilevision.records.maps import INCONSISTENT, SHADOW, STEEP, Frame, HeightMap, SlopeMap, add, as_frame
 from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors import deepest_mm
