@@ -156,9 +156,8 @@ def _registered(flats: Sequence[Bytes], pictures: Sequence[Bytes], place: Floats
     )
     if covered.all():
         return Registered(filled, None, note)
-    return Registered(
-        filled, covered, f"{note}; it covers {100 * covered.mean():.0f} % of it, the rest is invalid"
-    )
+    note += f"; it covers {100 * covered.mean():.0f} % of it, the rest is invalid"
+    return Registered(filled, covered, note)
 
 
 def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
@@ -174,9 +173,8 @@ def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
 def _search(before: Floats, now: Floats, start: Floats, step: float = 1.0) -> Floats:
     simplex = np.vstack([start, start + step * np.diag(STEPS)])
     options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-6, "maxfev": 200}
-    return np.asarray(
-        minimize(partial(_off, before=before, now=now), start, method="Nelder-Mead", options=options).x
-    )
+    off = partial(_off, before=before, now=now)
+    return np.asarray(minimize(off, start, method="Nelder-Mead", options=options).x)
 
 
 def _off(place: Floats, before: Floats, now: Floats) -> float:

@@ -306,12 +306,10 @@ def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
             _check_twice(value, (*place, key), path)
         name = key.removesuffix("_interval95")
         std = next((n for n in numbers if "_std" in n and n.replace("_std", "") == name), None)
-        if name == key or std is None or not (isinstance(value, list) and len(value) == 2):
+        ends = value if isinstance(value, list) and len(value) == 2 and _are_numbers(value) else None
+        if name == key or std is None or ends is None:
             continue
-        if (
-            all(isinstance(end, int | float) for end in value)
-            and value[1] - value[0] > _WIDER * 2 * Z95 * numbers[std]
-        ):
+        if ends[1] - ends[0] > _WIDER * 2 * Z95 * numbers[std]:
             raise RecordingError(
                 f"{_key((*place, std))} is narrower than {key} = {value}",
                 where=path,
