@@ -245,13 +245,10 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, dict[
     content = _in_format(Settings, content, (), path=path, news=news, unknown=unknown)
     for place, value, meant in unknown:
         if meant:
-            raise RecordingError(
-                f"{_key(place)} is not known",
-                where=path,
-                value=None if isinstance(value, dict) else value,
-                remedy=f"Did you mean {with_own_unit(str(place[-1]), meant)}?"
-                + (" Units are part of the name." if "_" in meant else ""),
-            )
+            found = None if isinstance(value, dict) else value
+            units = " Units are part of the name." if "_" in meant else ""
+            remedy = f"Did you mean {with_own_unit(str(place[-1]), meant)}?{units}"
+            raise RecordingError(f"{_key(place)} is not known", where=path, value=found, remedy=remedy)
     _check_twice(content, (), path)
     try:
         settings = Settings.model_validate(content)
@@ -279,19 +276,12 @@ def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, t
 def _check_format(content: Mapping[str, Any], path: Path) -> None:
     if "format" not in content:
         near = nearest("format", [key for key, value in content.items() if isinstance(value, int | str)])
-        raise RecordingError(
-            "the number of the format is missing",
-            where=path,
-            value=near or None,
-            remedy=f"Put format = {layout.FORMAT} on its first line.",
-        )
+        remedy = f"Put format = {layout.FORMAT} on its first line."
+        raise RecordingError("the number of the format is missing", where=path, value=near or None, remedy=remedy)
     if content["format"] is True or content["format"] != layout.FORMAT:
-        raise RecordingError(
-            f"this version reads format = {layout.FORMAT} only",
-            where=path,
-            value=content["format"],
-            remedy="Take a newer version of tactilevision, or convert the recording.",
-        )
+        what = f"this version reads format = {layout.FORMAT} only"
+        remedy = "Take a newer version of tactilevision, or convert the recording."
+        raise RecordingError(what, where=path, value=content["format"], remedy=remedy)
 
 
 def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
@@ -310,12 +300,9 @@ def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
         if name == key or std is None or ends is None:
             continue
         if ends[1] - ends[0] > _WIDER * 2 * Z95 * numbers[std]:
-            raise RecordingError(
-                f"{_key((*place, std))} is narrower than {key} = {value}",
-                where=path,
-                value=numbers[std],
-                remedy=f"A std is the interval's length over {2 * Z95:g}; state it alone.",
-            )
+            what = f"{_key((*place, std))} is narrower than {key} = {value}"
+            remedy = f"A std is the interval's length over {2 * Z95:g}; state it alone."
+            raise RecordingError(what, where=path, value=numbers[std], remedy=remedy)
 
 
 def _in_format(

@@ -138,12 +138,11 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> tuple[list
     header = [cell_text(cell.strip()).strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
-            raise RecordingError(
+            what, remedy = (
                 f"its columns are separated by {called}",
-                where=f"{path}, line 1",
-                value=header[0],
-                remedy="Save it with commas, and with a decimal point.",
+                "Save it with commas, and with a decimal point.",
             )
+            raise RecordingError(what, where=f"{path}, line 1", value=header[0], remedy=remedy)
     if any("\0" in name for name in header):
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
     for name in header:
@@ -194,12 +193,9 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
     while some := list(itertools.islice(filled, _ROWS_AT_ONCE)):
         for line, row in some:
             if len(row) != width:
-                raise RecordingError(
-                    f"the row has {len(row)} cells, the header {width}",
-                    where=f"{path}, line {line}",
-                    value=",".join(row)[:80],
-                    remedy="Is the file cut short, or has it decimal commas?",
-                )
+                what = f"the row has {len(row)} cells, the header {width}"
+                remedy = "Is the file cut short, or has it decimal commas?"
+                raise RecordingError(what, where=f"{path}, line {line}", value=",".join(row)[:80], remedy=remedy)
         yield [line for line, _ in some], [row for _, row in some]
 
 
@@ -214,12 +210,9 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
     # _number has turned text into an infinity
     if faults.size:
         first = int(faults[0])
-        raise RecordingError(
-            f"column {name} holds no finite number",
-            where=f"{path}, line {lines[first]}",
-            value=cells[first],
-            remedy=_remedy(cells[first].strip(), line=lines[first]),
-        )
+        what, where = f"column {name} holds no finite number", f"{path}, line {lines[first]}"
+        remedy = _remedy(cells[first].strip(), line=lines[first])
+        raise RecordingError(what, where=where, value=cells[first], remedy=remedy)
     return values
 
 

@@ -49,10 +49,8 @@ def _splits(name: str) -> Iterator[tuple[str, str]]:
     """Yield what a name may say: the quantity's name in small letters, and its unit, the longest first."""
     bracketed = BRACKETS.fullmatch(name)
     parts = re.split(r"[\s,_]+", name)
-    pairs = [bracketed.groups()] if bracketed else [
-        ("_".join(parts[:k]), "_".join(parts[k:])) for k in range(len(parts))
-    ]  # fmt: skip
-    for stem, unit in pairs:
+    pairs = (("_".join(parts[:k]), "_".join(parts[k:])) for k in range(len(parts)))
+    for stem, unit in [bracketed.groups()] if bracketed else pairs:
         yield re.sub(r"\W+", "_", stem.casefold()).strip("_"), _unit(unit)
 
 
