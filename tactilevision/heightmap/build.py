@@ -303,11 +303,9 @@ def build_reconstructor(
     from tactilevision.recording.model import Recording, faults_of_flats
 
     if not isinstance(recording, Recording):
-        raise InputError(
-            "a reconstructor is built of a recording",
-            value=type(recording).__name__,
-            remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
-        )
+        what = "a reconstructor is built of a recording"
+        remedy = 'Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.'
+        raise InputError(what, value=type(recording).__name__, remedy=remedy)
     frames = [*reference_match.spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
@@ -339,11 +337,8 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
     found = reference_view.register(raw, reference_view.shown(others, raw))
     pressed = [] if by_balls else [rectify(sensor, rgb) for rgb in balls]
     if found.note and pressed and reference_view.in_view_of(flats, pressed):
-        raise InputError(
-            "the frames are not of the view of the reference and the ball presses",
-            where=layout.FLATS,
-            remedy="Take all of them with one camera setting.",
-        )
+        what = "the frames are not of the view of the reference and the ball presses"
+        raise InputError(what, where=layout.FLATS, remedy="Take all of them with one camera setting.")
     note = found.note and f"{recording.flats[0].name}: {found.note}; --reference states another"
     return replace(found, note=note)
 

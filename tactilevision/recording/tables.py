@@ -138,10 +138,8 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> tuple[list
     header = [cell_text(cell.strip()).strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
-            what, remedy = (
-                f"its columns are separated by {called}",
-                "Save it with commas, and with a decimal point.",
-            )
+            what = f"its columns are separated by {called}"
+            remedy = "Save it with commas, and with a decimal point."
             raise RecordingError(what, where=f"{path}, line 1", value=header[0], remedy=remedy)
     if any("\0" in name for name in header):
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
