@@ -303,9 +303,11 @@ def build_reconstructor(
     from tactilevision.recording.model import Recording, faults_of_flats
 
     if not isinstance(recording, Recording):
-        what = "a reconstructor is built of a recording"
-        remedy = 'Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.'
-        raise InputError(what, value=type(recording).__name__, remedy=remedy)
+        raise InputError(
+            "a reconstructor is built of a recording",
+            value=type(recording).__name__,
+            remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
+        )
     frames = [*reference_match.spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
