@@ -3,7 +3,7 @@
 A request is answered if its Host is this server's, its path begins with the token, and its Origin and
 Sec-Fetch-Site are this page's. Content-Security-Policy keeps the page from loading anything elsewhere. No path of
 a request is opened: what is served has a fixed name. A request must arrive within TIMEOUT_S; beyond MAX_OPEN
-connections the oldest one that has not sent its request is closed. A websocket passes the same checks.
+connections those without a request are closed, the oldest first. A websocket passes the same checks.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from __future__ import annotations
 import base64
 import hashlib
 import hmac
-import io
+import math
 import re
 import secrets
+import select
 import socket
 import sys
 import threading
@@ -135,26 +136,32 @@ class _Listener(ThreadingHTTPServer):
 
     def __init__(self, place: tuple[str, int], page: LocalPage) -> None:
         self.page, self._lock = page, threading.Lock()
-        self._answering: dict[Any, bool] = {}  # by connection, the oldest first
+        self._until_s: dict[Any, float] = {}  # by connection: when its request must have come
         super().__init__(place, _Handler)
 
     def answering(self, connection: Any, now: bool) -> None:
         """Note whether a connection's request is complete, and so may take its time."""
         with self._lock:
-            if connection in self._answering:
-                self._answering[connection] = now
+            if connection in self._until_s:
+                self._until_s[connection] = math.inf if now else time.monotonic() + TIMEOUT_S
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Serve a connection, and end the oldest idle one if there are too many."""
+        """Serve a connection in a thread of its own."""
         with self._lock:
-            self._answering[request] = False
-            idle = (one for one, answering in self._answering.items() if not answering)
-            surplus = next(idle) if len(self._answering) > MAX_OPEN else None
-            self._answering.pop(surplus, None)
-        if surplus is not None:
-            with suppress(OSError):  # it has ended
-                surplus.shutdown(socket.SHUT_RDWR)
+            self._until_s[request] = time.monotonic() + TIMEOUT_S
         super().process_request(request, client_address)
+
+    def service_actions(self) -> None:
+        """End connections whose request is late and, beyond MAX_OPEN, those that have waited for the longest."""
+        with self._lock:
+            surplus, now_s = len(self._until_s) - MAX_OPEN, time.monotonic()
+            idle = sorted((until, id(one), one) for one, until in self._until_s.items() if until < math.inf)
+            ended = [one for place, (until, _, one) in enumerate(idle) if place < surplus or until < now_s]
+            for one in ended:
+                del self._until_s[one]
+        for one in ended:
+            with suppress(OSError):  # it has ended
+                one.shutdown(socket.SHUT_RDWR)
 
     def shutdown_request(self, request: Any) -> None:
         """Close a connection after what has come, for else the system may drop the answer."""
@@ -164,33 +171,13 @@ class _Listener(ThreadingHTTPServer):
             request.settimeout(LINGER_S)
             any(not request.recv(MAX_BODY) for _ in range(LINGER_PARTS))
         with self._lock:
-            self._answering.pop(request, None)
+            self._until_s.pop(request, None)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore a connection that ends during a request; report all other errors as usual."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
-
-
-class _Timed(io.RawIOBase):
-    """Bytes of a connection until `until_s` (time.monotonic)."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection, self.until_s = connection, 0.0
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        left = self.until_s - time.monotonic()
-        if left <= 0:
-            raise TimeoutError
-        try:
-            self._connection.settimeout(left)
-            return self._connection.recv_into(buffer)
-        finally:
-            self._connection.settimeout(TIMEOUT_S)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -201,14 +188,7 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "tactilevision", ""
     server: _Listener
 
-    def setup(self) -> None:
-        super().setup()
-        self.rfile.close()
-        self.timed = _Timed(self.connection)
-        self.rfile = io.BufferedReader(self.timed)
-
     def handle_one_request(self) -> None:
-        self.timed.until_s = time.monotonic() + TIMEOUT_S
         self.server.answering(self.connection, False)
         super().handle_one_request()
 
@@ -291,10 +271,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _received(self) -> bytes | None:
         """Return bytes that have come within STREAM_S; empty at the end of the connection."""
-        self.timed.until_s = time.monotonic() + STREAM_S
-        with suppress(TimeoutError):
-            return self.rfile.read1(MAX_BODY)
-        return None
+        came, _, _ = select.select([self.connection], [], [], STREAM_S)
+        return self.connection.recv(MAX_BODY) if came else None
 
     def _answer(self, make: Callable[[], Answer | dict[str, Any] | None]) -> None:
         """Send what was asked for, or one sentence on what is wrong with the request."""

@@ -26,12 +26,7 @@ from tactilevision import result_folders as folders
 from tactilevision.cli import console
 from tactilevision.errors import InputError
 from tactilevision.files.opening import real_path
-from tactilevision.pipeline import (
-    CertifiedRecording,
-    certify_recordings,
-    observed,
-    sharpest_poisson_ratio,
-)
+from tactilevision.pipeline import CertifiedRecording, certify_recordings, observed, sharpest_poisson_ratio
 from tactilevision.records.constants import KILO, NU_SILICONE
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]

@@ -17,12 +17,7 @@ from tactilevision.files import cache
 from tactilevision.files.runs import output_lock
 
 COMMANDS = {  # module, function, option that names the results to be locked, summary
-    "calibrate": (
-        "calibrate",
-        "calibrate",
-        "out",
-        "Certify each press, then fit Young's modulus and Poisson's ratio.",
-    ),
+    "calibrate": ("calibrate", "calibrate", "out", "Certify presses; fit Young's modulus and Poisson's ratio."),
     "calibrate-sensor": ("train", "calibrate_sensor", "out file", "Write a sensor profile for --sensor FILE.tvs."),
     "depth": ("depth", "depth", "out", "Turn frames into height maps."),
     "view": ("view", "view", "out", "Draw a height map."),

@@ -11,16 +11,7 @@ import typer
 from calibration.report.figures import FigureChoice
 from calibration.report.report import summary
 from calibration.result.result import in_words
-from calibration.tasks.plan import (
-    Design,
-    Forecast,
-    Goal,
-    Margin,
-    Plan,
-    design_of,
-    faces_of,
-    plan as find_plan,
-)
+from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, design_of, faces_of, plan as find_plan
 from tactilevision.batch.tree import find_recordings
 from tactilevision.cli import console
 from tactilevision.errors import InputError

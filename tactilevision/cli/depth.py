@@ -162,10 +162,8 @@ def _draw(
 
     Frames whose maps can be trusted come first.
     """
-    drawn = (
-        [row.trusted for row in rows] if any(row.trusted for row in rows) else [row.status == "ok" for row in rows]
-    )
-    depth = [row.peak_mm if there else float("nan") for row, there in zip(rows, drawn, strict=True)]
+    trusted = any(row.trusted for row in rows)
+    depth = [row.peak_mm if row.trusted or (row.status == "ok" and not trusted) else np.nan for row in rows]
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))
@@ -201,7 +199,18 @@ def force(
     material = _material(chosen, calibration)
     recording = with_gel(chosen.open(path), calibration)
     with console.progress_bar("calibrating the light:") as progress:
-        job = _job(recording, chosen, material, calibration, out=out, form=form, progress=progress)
+        profiled, light = chosen.calibrated(recording), chosen.light(recording, progress)
+        reconstructor, anchor = source.open_face_correction(recording, light, calibration=calibration)
+        job = force_job(
+            recording,
+            reconstructor,
+            material=material,
+            out=out,
+            form=form,
+            untouched=profiled.untouched if profiled else None,
+            compliance=profiled.profile.compliance if profiled and calibration is None else None,
+        )
+        job = replace(job, anchor=anchor)
     console.warn([*recording.warnings, *job.reconstructor.warnings])
     with console.progress_bar("frames") as progress:
         offset_s = None if calibration is None else read_clock_offset(calibration)
@@ -288,31 +297,6 @@ def _material(chosen: source.Choice, calibration: Path | None) -> Material:
         remedy = "Name a calibration.json with --calibration, or make the profile with one."
         raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
     return profile.material
-
-
-def _job(
-    recording: Recording,
-    chosen: source.Choice,
-    material: Material,
-    calibration: Path | None,
-    *,
-    out: Path,
-    form: Literal["npz", "zarr"],
-    progress: Progress,
-) -> ForceJob:
-    """Return the job that solves forces, by the named profile or by the recording's own light."""
-    sensor, reconstructor = chosen.calibrated(recording), chosen.light(recording, progress)
-    reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
-    job = force_job(
-        recording,
-        reconstructor,
-        material=material,
-        out=out,
-        form=form,
-        untouched=sensor.untouched if sensor else None,
-        compliance=sensor.profile.compliance if sensor and calibration is None else None,
-    )
-    return replace(job, anchor=anchor)
 
 
 def _say_shear(shear: dict[str, int | str]) -> None:

@@ -65,8 +65,7 @@ MethodOption = Annotated[
     typer.Option(help="polynomial, auto, lookup, network, or a file of `train`; by default the best available."),
 ]
 BallOption = Annotated[
-    float | None,
-    typer.Option(min=0.01, max=1000, help="Radius of all balls, for ball presses without a table."),
+    float | None, typer.Option(min=0.01, max=1000, help="Radius of all balls, for ball presses without a table.")
 ]
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")
@@ -162,11 +161,7 @@ def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Reco
     if (path / layout.SETTINGS).is_file() or not path.exists():
         return chosen.open(path, needs_frames=False)
     return read_ball_folder(
-        path,
-        chosen.sensor,
-        reference=chosen.reference,
-        mm_per_px=chosen.mm_per_px,
-        ball_radius_mm=ball_radius_mm,
+        path, chosen.sensor, reference=chosen.reference, mm_per_px=chosen.mm_per_px, ball_radius_mm=ball_radius_mm
     )
 
 

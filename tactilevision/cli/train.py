@@ -23,13 +23,7 @@ from tactilevision.photometric.storage import save_method
 from tactilevision.pipeline import calibrate_each
 from tactilevision.plots.style import save_figure
 from tactilevision.plots.validation import draw_depth_report
-from tactilevision.press.certified_faces import (
-    Certified,
-    DepthScale,
-    read_certified,
-    scale_warning,
-    with_scatter,
-)
+from tactilevision.press.certified_faces import Certified, DepthScale, read_certified, scale_warning, with_scatter
 from tactilevision.press.step_validation import flat_steps
 from tactilevision.profile.ball_guide import Guide, Session, start_table
 from tactilevision.profile.model import Profile
@@ -48,8 +42,7 @@ def train(
     ] = Path("method.npz"),
     licence: Annotated[str, typer.Option(help="Licence of the method's file, for its card.")] = "not stated",
     guide: Annotated[
-        bool,
-        typer.Option("--guide", help="First mark the balls' circles on a page; also writes a profile."),
+        bool, typer.Option("--guide", help="First mark the balls' circles on a page; also writes a profile.")
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the guide's page; 0: a free one.")] = 0,
     sensor: sources.SensorOption = None,

@@ -13,36 +13,13 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.ball_validation import (
-    chosen_balls,
-    doubt_of_radii,
-    held_out_depth,
-    scale_is_assumed,
-    seen_gain_std,
-)
+from tactilevision.heightmap import ball_validation, reference_match, reference_view, scene_faults
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.reference_match import (
-    DEFAULT_BASELINE,
-    FRAMES_READ,
-    ReferenceMatch,
-    baseline,
-    contact_in_reference,
-    pressed_beside,
-    rectified_frames,
-    some_frames,
-    spread_frames,
-)
-from tactilevision.heightmap.reference_view import Registered, check_three_lights, in_view_of, register, shown
-from tactilevision.heightmap.scene_faults import (
-    FRAMES_FOR_ORDER,
-    able_to_renew,
-    check_order,
-    check_surface,
-    order_warnings,
-)
+from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, FRAMES_READ, ReferenceMatch
+from tactilevision.heightmap.reference_view import Registered
 from tactilevision.heightmap.self_calibration import (
     MIN_CONTACTS,
     NETWORK_SCALE_STD,
@@ -50,7 +27,6 @@ from tactilevision.heightmap.self_calibration import (
     contacts_in,
     scale_warning,
 )
-from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import far_from
@@ -131,7 +107,7 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
     """Return the `frames` that nearly entirely follow the light's drift, without false depths."""
     free = []
-    for rgb in able_to_renew(method.reference.rgb, frames):
+    for rgb in scene_faults.able_to_renew(method.reference.rgb, frames):
         try:
             drift = method.change.tracker.measure(rgb)
         except InputError:
@@ -158,7 +134,8 @@ def press_starts(recording: Recording) -> list[Frame]:
         return []
     starts = np.array([press.start_s for press in recording.presses])
     chosen = np.linspace(0, len(starts) - 1, min(MAX_FREE, len(starts))).astype(int)
-    return rectified_frames(recording, np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)))
+    at = np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)
+    return reference_match.rectified_frames(recording, np.unique(at))
 
 
 # A calibration made to fit the free gel of its sensor, its errors measured on its own ball pictures.
@@ -182,13 +159,15 @@ def tuned(
     the ball pictures.
     """
     progress(0, 1, "depth of held-out balls")
-    gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
-    card = replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
-    card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
+    method, mm_per_px = calibration.method, sensor.mm_per_px
+    gain = ball_validation.seen_gain_std(method, pictures, balls=calibration.balls, mm_per_px=mm_per_px)
+    card = replace(method.card, sensor=sensor.kind, seen_gain_std=gain)
+    held_out = ball_validation.held_out_depth(calibration, pictures, mm_per_px=mm_per_px, seen_gain=gain)
+    card = card.extended(held_out)
     factor = float(card.other.get("depth_coverage_factor", 1.0))
     place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
     card = replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
-    method = replace(calibration.method, card=card)
+    method = replace(method, card=card)
     progress(0, 1, "untouched gel")
     settled = subtract_background(replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
@@ -199,14 +178,12 @@ def tuned(
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
     progress(0, 1, "usual light of the pictures")
-    light = measured_light(
-        settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
-    )
+    untouched = untouched_of(settled, free)
+    light = measured_light(settled, pictures, balls=calibration.balls, free=untouched, mm_per_px=mm_per_px)
     settled = replace(settled, light_law=light)
     reader = Reconstructor(sensor, settled)
-    usual = baseline(
-        lambda rgb: reader.read_rectified(rgb).residuals, [*(picture.rgb for picture in pictures), *free]
-    )
+    every = [*(picture.rgb for picture in pictures), *free]
+    usual = reference_match.baseline(lambda rgb: reader.read_rectified(rgb).residuals, every)
     terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
     settled = replace(settled, card=replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
@@ -235,7 +212,7 @@ def untouched_around_balls(
     method, readers = replace(calibration.method, card=card), dict[int, Reconstructor]()
     size = block_grid(method.reference.shape)
     sums, found = np.zeros((2, size[1], size[0])), []
-    for picture, ball, held in chosen_balls(calibration, pictures):
+    for picture, ball, held in ball_validation.chosen_balls(calibration, pictures):
         law = method.law if held is None else held.law
         if id(law) not in readers:
             readers[id(law)] = Reconstructor(sensor, replace(method, law=law))
@@ -288,16 +265,16 @@ def with_free_reference(
     The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
     by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.
     """
-    frames, method = some_frames(recording, count=MAX_FRAMES), ready.referenced
-    at = method and contact_in_reference(method, ready.rectified_map, pictures=frames)
+    frames, method = reference_match.some_frames(recording, count=MAX_FRAMES), ready.referenced
+    at = method and reference_match.contact_in_reference(method, ready.rectified_map, pictures=frames)
     if not (at and method):
         return flats, ready, ()
     median: Bytes = np.median(frames, axis=0).round().astype(np.uint8)
     against = read([median])
     renewed = against.referenced
-    if renewed and contact_in_reference(renewed, against.rectified_map, pictures=frames):
+    if renewed and reference_match.contact_in_reference(renewed, against.rectified_map, pictures=frames):
         return flats, ready, ()
-    if pressed_beside(method, ready.rectified_map, picture=median):
+    if reference_match.pressed_beside(method, ready.rectified_map, picture=median):
         return flats, ready, ()
     name = recording.frame_names[recording.flat_frames[0]]
     note = (
@@ -331,7 +308,7 @@ def build_reconstructor(
             value=type(recording).__name__,
             remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
         )
-    frames = [*spread_frames(recording), *press_starts(recording)]
+    frames = [*reference_match.spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
         found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method, progress)
@@ -349,22 +326,21 @@ def flats_in_view(recording: Recording, pictures: Sequence[Bytes]) -> Registered
 
     sensor, raw = recording.sensor, read_flats(recording)
     flats = [rectify(sensor, rgb) for rgb in raw]
-    balls = () if pictures else recording.balls[:FRAMES_READ]
-    pictures = pictures or [rectify(sensor, read_reference(recording, ball.path)) for ball in balls]
-    if len({rgb.shape for rgb in flats}) != 1 or not (pictures := shown(pictures, flats)):
+    pressing, by_balls = recording.balls[:FRAMES_READ], not pictures
+    if by_balls:
+        pictures = [rectify(sensor, read_reference(recording, ball.path)) for ball in pressing]
+    if len({rgb.shape for rgb in flats}) != 1 or not (pictures := reference_view.shown(pictures, flats)):
         return Registered(raw)
-    check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
-    if not recording.flats or in_view_of(flats, pictures):
+    reference_view.check_three_lights(np.asarray(np.mean(flats, axis=0, dtype=np.float32)), pictures)
+    if not recording.flats or reference_view.in_view_of(flats, pictures):
         return Registered(raw)
-    pressed = [read_reference(recording, ball.path) for ball in recording.balls[:FRAMES_READ]]
-    others = pressed if balls else [frame.rgb for frame in spread_frames(recording, raw=True)]
-    found = register(raw, shown(others, raw))
-    if found.note and not balls and pressed and in_view_of(flats, [rectify(sensor, rgb) for rgb in pressed]):
-        raise InputError(
-            "the frames are not of the view of the reference and the ball presses",
-            where=layout.FLATS,
-            remedy="Take all of them with one camera setting.",
-        )
+    balls = [read_reference(recording, ball.path) for ball in pressing]
+    others = balls if by_balls else [one.rgb for one in reference_match.spread_frames(recording, raw=True)]
+    found = reference_view.register(raw, reference_view.shown(others, raw))
+    pressed = [] if by_balls else [rectify(sensor, rgb) for rgb in balls]
+    if found.note and pressed and reference_view.in_view_of(flats, pressed):
+        what = "the frames are not of the view of the reference and the ball presses"
+        raise InputError(what, where=layout.FLATS, remedy="Take all of them with one camera setting.")
     note = found.note and f"{recording.flats[0].name}: {found.note}; --reference states another"
     return replace(found, note=note)
 
@@ -407,14 +383,14 @@ def _built(
         for ball in recording.balls
     ]
     if pictures:
-        check_order(reference.rgb, [picture.rgb for picture in pictures])
+        scene_faults.check_order(reference.rgb, [picture.rgb for picture in pictures])
     free = free_frames(recording)
 
     def calibrated() -> Reconstructor:
         how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
         calibration = calibrate_from_balls(reference, pictures, **how)
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
-        return found.warned(*doubt_of_radii(sensor, pictures, calibration))
+        return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 
     found = kept_light(sensor, name, reference, pictures=pictures, free=free, make=calibrated)
     return found.warned(*noted)
@@ -465,14 +441,12 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
         return own.warned(*noted)
     if ready is None or path is None:
         raise _nothing_known(recording, flats)
-    few = some_frames(recording, count=FRAMES_FOR_ORDER)
-    order = order_warnings(path, flats, few, sensor=sensor)
-    if not order and ready.referenced is not None:
-        method, torn = ready.referenced, TearCheck(sensor)
-        pressed = [
-            rgb for rgb in few if contacts_in([rgb], method.reference, torn) and not untouched_of(method, [rgb])
-        ]
-        check_surface(method, pressed, sensor=sensor, where=recording.path)
+    few = reference_match.some_frames(recording, count=scene_faults.FRAMES_FOR_ORDER)
+    order = scene_faults.order_warnings(path, flats, few, sensor=sensor)
+    if not order and (method := ready.referenced) is not None:
+        touched = [rgb for rgb in few if contacts_in([rgb], method.reference, ready.tear_check)]
+        pressed = [rgb for rgb in touched if not untouched_of(method, [rgb])]
+        scene_faults.check_surface(method, pressed, sensor=sensor, where=recording.path)
     if order and ready.match is not None:
         ready = ready.varied(match=replace(ready.match, other_light=True))
     return ready.warned(*noted, _network_warning(ready, sensor.kind), *order)
@@ -539,7 +513,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     _check_colours(reference)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
-    if scale_is_assumed(method.card):
+    if ball_validation.scale_is_assumed(method.card):
         card = method.card
         std = max(card.held_out_gain_std or 0.0, NETWORK_SCALE_STD)
         method = replace(method, card=replace(card, held_out_gain_std=std))

@@ -30,16 +30,7 @@ from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.records.certified import TaughtWalls
-from tactilevision.records.maps import (
-    INCONSISTENT,
-    SHADOW,
-    STEEP,
-    Frame,
-    HeightMap,
-    SlopeMap,
-    add,
-    as_frame,
-)
+from tactilevision.records.maps import INCONSISTENT, SHADOW, STEEP, Frame, HeightMap, SlopeMap, add, as_frame
 from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors import deepest_mm
@@ -285,17 +276,13 @@ class Reconstructor:
         if frame is not None and self.has_one_hue:
             check_three_lights(frame.reference.reference.rgb, [frame.rgb])
         if frame is not None and (row := self.tear_check(frame)) is not None:
-            raise InputError(
-                f"the picture is torn at row {row}: above and below it are of two moments",
-                where=name or "frame",
-                remedy="Exclude the frame; read the camera into a buffer that is not written at the same time.",
-            )
+            what = f"the picture is torn at row {row}: above and below it are of two moments"
+            remedy = "Exclude the frame; read the camera into a buffer that is not written at the same time."
+            raise InputError(what, where=name or "frame", remedy=remedy)
         if high > (allowed := deepest_mm(self.sensor)):
-            raise InputError(
-                f"the map is {high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows",
-                where=name or "frame",
-                remedy="Exclude the frame, which is damaged or of another sensor; or correct thickness_mm.",
-            )
+            what = f"the map is {high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows"
+            remedy = "Exclude the frame, which is damaged or of another sensor; or correct thickness_mm."
+            raise InputError(what, where=name or "frame", remedy=remedy)
 
     def sound_map(self, rgb: Bytes) -> HeightMap | None:
         """Return the height map of a rectified picture; None for one that is rejected."""

@@ -122,7 +122,8 @@ def register(flats: Sequence[Bytes], pictures: Sequence[Bytes]) -> Registered:
         raise _other_view(f"the frames {flip} against it", "Save both in the same way.")
     before = spread(_centred(now - light))
     fine = np.asarray(np.median([log_blocks(rgb, FINE) for rgb in _spaced(pictures, MIN_PICTURES)], axis=0))
-    place = _search(log_blocks(reference, FINE), fine, _fit(light, now), 0.02)
+    coarse = [_search(light, now, np.array([start, 0.0, 0.0])) for start in STARTS]
+    place = _search(log_blocks(reference, FINE), fine, min(coarse, key=partial(_off, before=light, now=now)), 0.02)
     left = spread(_centred(now - _warped(light, place)))
     if left < min(REGISTERED * before, CHANGED):
         return _registered(flats, pictures, place)
@@ -155,9 +156,8 @@ def _registered(flats: Sequence[Bytes], pictures: Sequence[Bytes], place: Floats
     )
     if covered.all():
         return Registered(filled, None, note)
-    return Registered(
-        filled, covered, f"{note}; it covers {100 * covered.mean():.0f} % of it, the rest is invalid"
-    )
+    note += f"; it covers {100 * covered.mean():.0f} % of it, the rest is invalid"
+    return Registered(filled, covered, note)
 
 
 def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
@@ -170,18 +170,11 @@ def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
     return ""
 
 
-def _fit(before: Floats, now: Floats) -> Floats:
-    """Return ln of scale, and shift (x, y) in half pictures, at which the light `before` is that of `now`."""
-    found = [_search(before, now, np.array([start, 0.0, 0.0])) for start in STARTS]
-    return min(found, key=lambda place: _off(place, before, now))
-
-
 def _search(before: Floats, now: Floats, start: Floats, step: float = 1.0) -> Floats:
     simplex = np.vstack([start, start + step * np.diag(STEPS)])
     options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-6, "maxfev": 200}
-    return np.asarray(
-        minimize(partial(_off, before=before, now=now), start, method="Nelder-Mead", options=options).x
-    )
+    off = partial(_off, before=before, now=now)
+    return np.asarray(minimize(off, start, method="Nelder-Mead", options=options).x)
 
 
 def _off(place: Floats, before: Floats, now: Floats) -> float:

@@ -40,12 +40,8 @@ def _check_once(table: Table, column: str, *, remedy: str) -> None:
     first: dict[str, int] = {}
     for row, name in enumerate(table.words[column]):
         if (before := first.setdefault(name, row)) != row:
-            raise table.fault(
-                row,
-                f"the {column} is listed twice, first in line {table.lines[before]}",
-                value=name,
-                remedy=remedy,
-            )
+            what = f"the {column} is listed twice, first in line {table.lines[before]}"
+            raise table.fault(row, what, value=name, remedy=remedy)
 
 
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
@@ -87,11 +83,8 @@ def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> N
     if back.size:
         after = int(back[0]) + 1
         row = after if rows is None else int(rows[after])
-        raise table.fault(
-            row,
-            f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}",
-            remedy="Rows are in the order of time, which never restarts, also over days.",
-        )
+        what = f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}"
+        raise table.fault(row, what, remedy="Rows are in the order of time, which never restarts, also over days.")
 
 
 def as_three(values: Sequence[float]) -> tuple[float, float, float]:
@@ -224,12 +217,8 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
             raise table.fault(row, "lubricated is 0 or 1", value=float(flag))
     start, end = table.numbers["start_s"], table.numbers["end_s"]
     for row in np.flatnonzero(end <= start).tolist():
-        raise table.fault(
-            row,
-            "the press does not end after it starts",
-            value=(float(start[row]), float(end[row])),
-            remedy="start_s and end_s are on the camera's clock.",
-        )
+        times, remedy = (float(start[row]), float(end[row])), "start_s and end_s are on the camera's clock."
+        raise table.fault(row, "the press does not end after it starts", value=times, remedy=remedy)
     order = np.argsort(start, kind="stable")
     for before, after in pairwise(order.tolist()):
         if end[before] > start[after] + MICRO:  # below any clock's step
@@ -263,20 +252,11 @@ def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
     curves = []
     for label, listed in rows_of.items():
         rows = np.array(listed)
-        check_time(table, table.numbers["time_s"][rows], rows=rows)
+        time_s, depth_mm = table.numbers["time_s"][rows], table.numbers["depth_mm"][rows]
+        check_time(table, time_s, rows=rows)
         z_mm = table.numbers["z_mm"][rows] if "z_mm" in table.numbers else None
         extra = {name: column[rows] for name, column in table.extra.items()}
-        curves.append(
-            Curve(
-                label,
-                table.numbers["time_s"][rows],
-                table.numbers["depth_mm"][rows],
-                forces[rows],
-                phases[rows],
-                z_mm,
-                extra,
-            )
-        )
+        curves.append(Curve(label, time_s, depth_mm, forces[rows], phases[rows], z_mm, extra))
     return tuple(curves), table
 
 
@@ -286,13 +266,9 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
         if name not in indenters:
             near = nearest(name, indenters)
             described = f"Described are: {', '.join(indenters)}." if indenters else "None is described."
-            raise table.fault(
-                row,
-                f"indenter {name} is not described in {layout.SETTINGS}",
-                remedy=f"Did you mean {near}?"
-                if near
-                else f"Add a table [indenter.{_key(name)}] there. {described}",
-            )
+            added = f"Add a table [indenter.{_key(name)}] there. {described}"
+            remedy = f"Did you mean {near}?" if near else added
+            raise table.fault(row, f"indenter {name} is not described in {layout.SETTINGS}", remedy=remedy)
 
 
 def _key(name: str) -> str:
@@ -315,18 +291,12 @@ def _point(table: Table, row: int) -> CertifiedPoint:
     numbers: dict[str, Any] = {name: float(column[row]) for name, column in table.numbers.items()}
     for name in layout.POINT_COLUMNS.gap_numbers:
         if accepted and np.isnan(numbers[name]):
-            raise table.fault(
-                row, f"column {name} holds no number", remedy="Remove the row, or set accepted to false."
-            )
+            remedy = "Remove the row, or set accepted to false."
+            raise table.fault(row, f"column {name} holds no number", remedy=remedy)
+    press, indenter = table.words["press"][row], table.words["indenter"][row]
     with found_in(f"{table.path}, line {table.lines[row]}"):
-        return CertifiedPoint(
-            table.words["press"][row],
-            table.words["indenter"][row],
-            **numbers,
-            accepted=accepted,
-            reason=reason,
-            **split_columns(_extra(table, row)),
-        )
+        further = split_columns(_extra(table, row))
+        return CertifiedPoint(press, indenter, **numbers, accepted=accepted, reason=reason, **further)
 
 
 def _extra(table: Table, row: int) -> dict[str, Any]:

@@ -241,17 +241,14 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, dict[
     """
     _check_format(content, path)
     news: list[str] = []
-    content = _in_units(Settings, content, (), path=path, news=news)
-    unknown = list(_unknown(Settings, content, ()))
+    unknown: list[tuple[_Place, Any, str]] = []
+    content = _in_format(Settings, content, (), path=path, news=news, unknown=unknown)
     for place, value, meant in unknown:
         if meant:
-            raise RecordingError(
-                f"{_key(place)} is not known",
-                where=path,
-                value=None if isinstance(value, dict) else value,
-                remedy=f"Did you mean {with_own_unit(str(place[-1]), meant)}?"
-                + (" Units are part of the name." if "_" in meant else ""),
-            )
+            found = None if isinstance(value, dict) else value
+            units = " Units are part of the name." if "_" in meant else ""
+            remedy = f"Did you mean {with_own_unit(str(place[-1]), meant)}?{units}"
+            raise RecordingError(f"{_key(place)} is not known", where=path, value=found, remedy=remedy)
     _check_twice(content, (), path)
     try:
         settings = Settings.model_validate(content)
@@ -279,19 +276,12 @@ def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, t
 def _check_format(content: Mapping[str, Any], path: Path) -> None:
     if "format" not in content:
         near = nearest("format", [key for key, value in content.items() if isinstance(value, int | str)])
-        raise RecordingError(
-            "the number of the format is missing",
-            where=path,
-            value=near or None,
-            remedy=f"Put format = {layout.FORMAT} on its first line.",
-        )
+        remedy = f"Put format = {layout.FORMAT} on its first line."
+        raise RecordingError("the number of the format is missing", where=path, value=near or None, remedy=remedy)
     if content["format"] is True or content["format"] != layout.FORMAT:
-        raise RecordingError(
-            f"this version reads format = {layout.FORMAT} only",
-            where=path,
-            value=content["format"],
-            remedy="Take a newer version of tactilevision, or convert the recording.",
-        )
+        what = f"this version reads format = {layout.FORMAT} only"
+        remedy = "Take a newer version of tactilevision, or convert the recording."
+        raise RecordingError(what, where=path, value=content["format"], remedy=remedy)
 
 
 def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
@@ -306,77 +296,64 @@ def _check_twice(table: Mapping[str, Any], place: _Place, path: Path) -> None:
             _check_twice(value, (*place, key), path)
         name = key.removesuffix("_interval95")
         std = next((n for n in numbers if "_std" in n and n.replace("_std", "") == name), None)
-        if name == key or std is None or not (isinstance(value, list) and len(value) == 2):
+        ends = value if isinstance(value, list) and len(value) == 2 and _are_numbers(value) else None
+        if name == key or std is None or ends is None:
             continue
-        if (
-            all(isinstance(end, int | float) for end in value)
-            and value[1] - value[0] > _WIDER * 2 * Z95 * numbers[std]
-        ):
-            raise RecordingError(
-                f"{_key((*place, std))} is narrower than {key} = {value}",
-                where=path,
-                value=numbers[std],
-                remedy=f"A std is the interval's length over {2 * Z95:g}; state it alone.",
-            )
+        if ends[1] - ends[0] > _WIDER * 2 * Z95 * numbers[std]:
+            what = f"{_key((*place, std))} is narrower than {key} = {value}"
+            remedy = f"A std is the interval's length over {2 * Z95:g}; state it alone."
+            raise RecordingError(what, where=path, value=numbers[std], remedy=remedy)
 
 
-def _in_units(
-    model: type[BaseModel], content: Mapping[str, Any], place: _Place, *, path: Path, news: list[str]
+def _in_format(
+    model: type[BaseModel],
+    content: Mapping[str, Any],
+    place: _Place,
+    *,
+    path: Path,
+    news: list[str],
+    unknown: list[tuple[_Place, Any, str]],
 ) -> dict[str, Any]:
-    """Return the content with keys of another unit as the format names them; `news` gains a sentence for each."""
+    """Return the content with keys of another unit as the format names them; `news` gains a sentence for each.
+
+    `unknown` gains each unknown key's place, its value, and the absent known key that it resembles, or "".
+    """
+    known = {name: name for name in model.model_fields}
+    for name, about in model.model_fields.items():
+        known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
     made: dict[str, Any] = {}
     for key, value in content.items():
-        known = model.model_fields.get(key)
-        found = None if known is not None else same_quantity(key, model.model_fields)
-        table = None if known is None else _table_of(known.annotation)
-        if known is not None and table is not None and isinstance(value, dict):
-            inner = partial(_in_units, table, path=path, news=news)
-            many = get_origin(known.annotation) is dict
-            made[key] = (
-                {n: inner(v, (*place, key, n)) if isinstance(v, dict) else v for n, v in value.items()}
-                if many
-                else inner(value, (*place, key))
-            )
-        elif found is not None and _are_numbers(value):
-            name, factor = found
-            if name in content:
-                what = f"{_key((*place, key))} states what {name} states too"
-                raise RecordingError(what, where=path, value=value, remedy="Keep one of them.")
-            made[name] = (
-                [scaled(one, factor) for one in value] if isinstance(value, list) else scaled(value, factor)
-            )
-            news.append(f"{path.name}: {_key((*place, key))} is read as {name} = {made[name]}")
-        else:
+        found = None if key in known else same_quantity(key, model.model_fields)
+        if found is None or not _are_numbers(value):
             made[key] = value
+            continue
+        name, factor = found
+        if name in content or name in made:
+            what = f"{_key((*place, key))} states what {name} states too"
+            raise RecordingError(what, where=path, value=value, remedy="Keep one of them.")
+        made[name] = [scaled(one, factor) for one in value] if isinstance(value, list) else scaled(value, factor)
+        news.append(f"{path.name}: {_key((*place, key))} is read as {name} = {made[name]}")
+    absent = [name for name in model.model_fields if name not in made]
+    for key, value in made.items():
+        if key not in known:
+            unknown.append(((*place, key), value, nearest(key, absent)))
+            continue
+        annotation = model.model_fields[known[key]].annotation
+        table = _table_of(annotation)
+        if table is None or not isinstance(value, dict):
+            continue
+        inner = partial(_in_format, table, path=path, news=news, unknown=unknown)
+        if get_origin(annotation) is dict:
+            tables = {name: one for name, one in value.items() if isinstance(one, dict)}
+            made[key] = value | {name: inner(one, (*place, key, name)) for name, one in tables.items()}
+        else:
+            made[key] = inner(value, (*place, key))
     return made
 
 
 def _are_numbers(value: Any) -> bool:
     listed = value if isinstance(value, list) else [value]
     return all(isinstance(one, int | float) and not isinstance(one, bool) for one in listed)
-
-
-def _unknown(
-    model: type[BaseModel], content: Mapping[str, Any], place: _Place
-) -> Iterator[tuple[_Place, Any, str]]:
-    """Yield every unknown key's place, its value, and the absent known key that it resembles, or ""."""
-    known = {name: name for name in model.model_fields}
-    for name, about in model.model_fields.items():
-        known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
-    absent = [name for name in model.model_fields if name not in content]
-    for key, value in content.items():
-        if key not in known:
-            yield (*place, key), value, nearest(key, absent)
-            continue
-        inner = model.model_fields[known[key]].annotation
-        table = _table_of(inner)
-        if table is None or not isinstance(value, dict):
-            continue
-        if get_origin(inner) is dict:
-            for name, one in value.items():
-                yield from _unknown(table, one if isinstance(one, dict) else {}, (*place, key, name))
-        else:
-            yield from _unknown(table, value, (*place, key))
 
 
 def _table_of(annotation: Any) -> type[BaseModel] | None:

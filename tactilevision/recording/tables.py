@@ -93,27 +93,35 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
         for name, cells in zip(header, zip(*chunk, strict=True), strict=True):
             if name in numbers:
                 empty_allowed = name not in columns.numbers
-                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed, factors.get(name)))
+                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
             else:
                 texts[name].extend(cell_text(cell.strip()).strip() for cell in cells)
     if not lines:
         raise RecordingError("has no rows under its header", where=path)
     if len(lines) < least_rows:
         raise RecordingError(f"has {len(lines)} row, at least {least_rows} are needed", where=path)
+    converted = ((name, values, factors.get(name, ("", Fraction(1)))) for name, values in numbers.items())
     table = Table(
         path,
         np.array(lines, dtype=np.int64),
-        numbers={name: np.array(values) for name, values in numbers.items()},
+        numbers={name: scaled(np.array(values), factor) for name, values, (_, factor) in converted},
         words={name: texts[name] for name in header if name in columns.words + columns.maybe_words},
         extra={name: _guess(texts[name]) for name in header if name not in columns.known},
         warnings=(*_converted(path, factors), *_misspelt(path, header, columns)),
     )
-    _check_words(table, columns)
+    _check_cells(table, columns)
     return table
 
 
-def _check_words(table: Table, columns: Columns) -> None:
-    """Raise RecordingError for missing text, and for control characters."""
+def _check_cells(table: Table, columns: Columns) -> None:
+    """Raise RecordingError for missing text, control characters, and impossible numbers."""
+    for name, values in table.numbers.items():
+        remedy = "Is it in another unit?"
+        if name not in columns.numbers:
+            remedy += " Leave a cell empty if it is not known."
+        for row in np.flatnonzero(outside(values, name))[:1].tolist():
+            raise table.fault(row, impossible(name), value=float(values[row]), remedy=remedy)
+        check_numbers(values, what=f"a number of column {name}", where=table.path)
     for name, words in table.words.items():
         for row, word in enumerate(words):
             if not word and name in columns.words:
@@ -130,12 +138,9 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> tuple[list
     header = [cell_text(cell.strip()).strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
-            raise RecordingError(
-                f"its columns are separated by {called}",
-                where=f"{path}, line 1",
-                value=header[0],
-                remedy="Save it with commas, and with a decimal point.",
-            )
+            what = f"its columns are separated by {called}"
+            remedy = "Save it with commas, and with a decimal point."
+            raise RecordingError(what, where=f"{path}, line 1", value=header[0], remedy=remedy)
     if any("\0" in name for name in header):
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
     for name in header:
@@ -186,23 +191,13 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
     while some := list(itertools.islice(filled, _ROWS_AT_ONCE)):
         for line, row in some:
             if len(row) != width:
-                raise RecordingError(
-                    f"the row has {len(row)} cells, the header {width}",
-                    where=f"{path}, line {line}",
-                    value=",".join(row)[:80],
-                    remedy="Is the file cut short, or has it decimal commas?",
-                )
+                what = f"the row has {len(row)} cells, the header {width}"
+                remedy = "Is the file cut short, or has it decimal commas?"
+                raise RecordingError(what, where=f"{path}, line {line}", value=",".join(row)[:80], remedy=remedy)
         yield [line for line, _ in some], [row for _, row in some]
 
 
-def _numbers(
-    path: Path,
-    name: str,
-    cells: Sequence[str],
-    lines: list[int],
-    empty_allowed: bool,
-    converted: tuple[str, Fraction] | None,
-) -> Floats:
+def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
     try:
         if "_" in "".join(cells):
             raise ValueError  # float() ignores it
@@ -213,20 +208,9 @@ def _numbers(
     # _number has turned text into an infinity
     if faults.size:
         first = int(faults[0])
-        raise RecordingError(
-            f"column {name} holds no finite number",
-            where=f"{path}, line {lines[first]}",
-            value=cells[first],
-            remedy=_remedy(cells[first].strip(), line=lines[first]),
-        )
-    if converted is not None:
-        values = scaled(values, converted[1])
-    remedy = "Is it in another unit?" + " Leave a cell empty if it is not known." * empty_allowed
-    for row in np.flatnonzero(outside(values, name))[:1]:
-        raise RecordingError(
-            impossible(name), where=f"{path}, line {lines[row]}", value=float(values[row]), remedy=remedy
-        )
-    check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
+        what, where = f"column {name} holds no finite number", f"{path}, line {lines[first]}"
+        remedy = _remedy(cells[first].strip(), line=lines[first])
+        raise RecordingError(what, where=where, value=cells[first], remedy=remedy)
     return values
 
 

@@ -9,13 +9,8 @@ from typing import Any
 
 _SIZES = {  # quantity: its units, each with its size in one of them
     "length": {
-        "nm": "1e-9",
-        "um": "1e-6",
-        "mm": "1e-3",
-        "cm": "1e-2",
-        "m": "1",
-        "mil": "25.4e-6",
-        "inch": ".0254",
+        **{"nm": "1e-9", "um": "1e-6", "mm": "1e-3", "cm": "1e-2", "m": "1"},
+        **{"mil": "25.4e-6", "inch": ".0254"},
     },
     "time": {"ns": "1e-9", "us": "1e-6", "ms": "1e-3", "s": "1", "min": "60", "h": "3600"},
     "force": {
@@ -54,10 +49,8 @@ def _splits(name: str) -> Iterator[tuple[str, str]]:
     """Yield what a name may say: the quantity's name in small letters, and its unit, the longest first."""
     bracketed = BRACKETS.fullmatch(name)
     parts = re.split(r"[\s,_]+", name)
-    pairs = [bracketed.groups()] if bracketed else [
-        ("_".join(parts[:k]), "_".join(parts[k:])) for k in range(len(parts))
-    ]  # fmt: skip
-    for stem, unit in pairs:
+    pairs = (("_".join(parts[:k]), "_".join(parts[k:])) for k in range(len(parts)))
+    for stem, unit in [bracketed.groups()] if bracketed else pairs:
         yield re.sub(r"\W+", "_", stem.casefold()).strip("_"), _unit(unit)
 
 
@@ -66,14 +59,19 @@ def _stated(name: str) -> tuple[str, str]:
     return next(((stem, unit) for stem, unit in _splits(name) if unit in _QUANTITY), ("", ""))
 
 
+def _matches(name: str, known: Iterable[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield each `known` name of a quantity that `name` may state, its unit, and that of the known one."""
+    stated = [(other, *_stated(other)) for other in known]
+    for stem, unit in _splits(name):
+        yield from ((other, unit, own) for other, known_stem, own in stated if own and stem == known_stem)
+
+
 def same_quantity(name: str, known: Iterable[str]) -> tuple[str, Fraction] | None:
     """Return which of the `known` names states this quantity in its own unit, and the factor to that unit."""
-    pairs = [(other, *_stated(other)) for other in known]
-    for stem, unit in _splits(name):
-        for other, other_stem, other_unit in pairs:
-            sizes = UNITS.get(_QUANTITY.get(other_unit, ""), {})
-            if stem == other_stem and unit in sizes:
-                return other, sizes[unit] / sizes[other_unit]
+    for other, unit, own in _matches(name, known):
+        sizes = UNITS[_QUANTITY[own]]
+        if unit in sizes:
+            return other, sizes[unit] / sizes[own]
     return None
 
 
@@ -86,9 +84,8 @@ def with_own_unit(name: str, known: str) -> str:
 
 def fault_of_unit(name: str, known: Iterable[str]) -> str:
     """Return a sentence if a name states one of the `known` quantities in no known unit of it, else ""."""
-    pairs = [(stem, own) for stem, own in map(_stated, known) if stem]
-    for stem, unit in _splits(name):
-        for _, own in [pair for pair in pairs if unit and pair[0] == stem]:
+    for _, unit, own in _matches(name, known):
+        if unit:
             units = ", ".join(UNITS[_QUANTITY[own]])
             return f"{name}: {unit} is no known unit of {_QUANTITY[own]}; known are {units}"
     return ""

@@ -14,41 +14,39 @@ from tactilevision.errors import InputError
 
 Range = tuple[float, float]  # least and most, in the unit of the field's name
 
-ANY_LENGTH: Range = (-1e6, 1e6)  # mm: 1 km to either side, since a logger's 9999 is excluded later, by name
-SIZE: Range = (1e-6, 1e4)  # mm: from the tip of an atomic force microscope, 1 nm, to 10 m
-ERROR: Range = (0.0, 1e6)  # in any unit: no deviation and no distance is negative
-THICKNESS: Range = (1e-3, 1e4)  # mm: from a film of 1 um to 10 m; a pad stated in um is then named by the fit
-MODULUS: Range = (1e-7, 1e7)  # MPa: from .1 Pa, softer than every hydrogel, to ten times diamond
-POISSON: Range = (0.0, 0.5)  # of solids that narrow when they are pulled, and gain no volume when pressed
-ANGLE: Range = (0.0, 360.0)  # degrees: one turn
-STEEPNESS: Range = (0.0, 90.0)  # degrees between a face and the gel
-FORCE: Range = (-1e6, 1e6)  # N, and N m: the weight of 100 t; more is another unit, or a broken file
-TIME: Range = (-1e11, 1e11)  # s: 3000 years; milliseconds since 1970 are more
-DURATION: Range = (0.0, 1e11)  # s: nothing lasts less than no time
-SPEED: Range = (-1e6, 1e6)  # mm/s: 1 km/s
-TEMPERATURE: Range = (-273.15, 2e3)  # degrees C: from absolute zero to beyond every gel
-PIXELS: Range = (-1e6, 1e6)  # px: more than any picture has
 SCALE: Range = (1e-4, 100.0)  # mm per px: from below the resolution of light to a gel in one pixel
+_SIZE: Range = (1e-6, 1e4)  # mm: from the tip of an atomic force microscope, 1 nm, to 10 m
+_ERROR: Range = (0.0, 1e6)  # in any unit: no deviation and no distance is negative
+_STEEPNESS: Range = (0.0, 90.0)  # degrees between a face and the gel
+_DURATION: Range = (0.0, 1e11)  # s: nothing lasts less than no time
 
 _BY_NAME: dict[str, Range] = {
-    "thickness_mm": THICKNESS,
-    **dict.fromkeys(("radius_mm", "ball_radius_mm", "size_mm", "height_mm", "bevel_distance_mm"), SIZE),
-    **dict.fromkeys(("edge_radius_mm", "from_mm", "to_mm", "width_px", "height_px", "contact_radius_px"), ERROR),
-    **dict.fromkeys(("bevel_angle_deg", "half_angle_deg"), STEEPNESS),
-    **dict.fromkeys(("rest_s", "hold_s"), DURATION),
-    "poisson_ratio": POISSON,
+    "thickness_mm": (1e-3, 1e4),  # from a film of 1 um to 10 m; a pad stated in um is then named by the fit
+    **dict.fromkeys(("radius_mm", "ball_radius_mm", "size_mm", "height_mm", "bevel_distance_mm"), _SIZE),
+    **dict.fromkeys(("edge_radius_mm", "from_mm", "to_mm", "width_px", "height_px", "contact_radius_px"), _ERROR),
+    **dict.fromkeys(("bevel_angle_deg", "half_angle_deg"), _STEEPNESS),
+    **dict.fromkeys(("rest_s", "hold_s"), _DURATION),
+    "poisson_ratio": (0.0, 0.5),  # of solids that narrow when they are pulled, and gain no volume when pressed
     "mm_per_px": SCALE,
 }
+_FORCE: Range = (-1e6, 1e6)  # N, and N m: the weight of 100 t; more is another unit, or a broken file
 _BY_UNIT: dict[str, Range] = {
-    **{"mm": ANY_LENGTH, "mm_s": SPEED, "s": TIME, "N": FORCE, "Nm": FORCE},
-    **{"MPa": MODULUS, "deg": ANGLE, "C": TEMPERATURE, "px": PIXELS},
+    "mm": (-1e6, 1e6),  # 1 km to either side, since a logger's 9999 is excluded later, by name
+    "mm_s": (-1e6, 1e6),  # 1 km/s
+    "s": (-1e11, 1e11),  # 3000 years; milliseconds since 1970 are more
+    "N": _FORCE,
+    "Nm": _FORCE,
+    "MPa": (1e-7, 1e7),  # from .1 Pa, softer than every hydrogel, to ten times diamond
+    "deg": (0.0, 360.0),  # one turn
+    "C": (-273.15, 2e3),  # from absolute zero to beyond every gel
+    "px": (-1e6, 1e6),  # more than any picture has
 }
 
 
 def range_of(name: str) -> Range | None:
     """Return the range of a field, column or key in its unit; None where any finite number is possible."""
     if name in _BY_NAME or re.search("(^|_)std(_|$)", name):
-        return _BY_NAME.get(name, ERROR)
+        return _BY_NAME.get(name, _ERROR)
     found = re.search("_(mm_s|[^_]+)$", name)
     return _BY_UNIT.get(found[1]) if found else None
 
