@@ -7,6 +7,7 @@ that never speaks alone could go. WORD picks mistakes by name.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections import Counter
@@ -44,7 +45,8 @@ DETECTORS: tuple[tuple[Any, str], ...] = (
     *((consistency, name) for name in ("contradicting_radii", "outlier_among", "odd_balls", "coverage_warnings")),
     *((consistency, name) for name in ("label_warnings", "scale_warnings", "observability_warnings")),
     *((ball_validation, name) for name in ("usual_scale_warnings", "odd_by_usual_light", "unfit")),
-    *((build, name) for name in ("order_warnings", "dark_colour_warning", "overexposed_warning")),
+    (scene, "order_warnings"),
+    *((build, name) for name in ("dark_colour_warning", "overexposed_warning")),
     (reconstructor, "rises_too_much"),
     (inconsistent_light.Inconsistency, "doubtful"),
 )
@@ -125,6 +127,9 @@ MISTAKES = {
 def listening(spoken: Counter[str]) -> Iterator[None]:
     """Count in `spoken` the detectors that find something within a block."""
     with ExitStack() as stack:
+        stack.enter_context(
+            mock.patch.dict(os.environ, TACTILEVISION_CACHE="off")
+        )  # what is restored says nothing
         for owner, name in DETECTORS:
             stack.enter_context(mock.patch.object(owner, name, _heard(owner, name, spoken)))
         yield
