@@ -181,7 +181,7 @@ def _event_details(
         force_readings=event.readings,
         force_dwell=event.dwell,
         reconstructed_depth_mm=touch.depth_seen_mm,
-        reconstructed_std_mm=touch.depth_seen_mm
+        reconstructed_std_mm=abs(touch.depth_seen_mm)
         * shared_depth_std(times.bevel_contact.press_signal.track, method),
     )
     scale = times.travel_scale
