@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from calibration.fit.least_squares import Fit, prior_pulls
 from calibration.fit.outlying_presses import TAILS, log_student, press_dof
 from calibration.fit.repeats import drawn_noise
 from calibration.noise.model import Noise, Whitener
-from calibration.noise.reml import Product, Weighing, log_sizes, prior_cost
+from calibration.noise.reml import Columns, Weighing, log_sizes, prior_cost, scales
 from tactilevision.records.constants import NONZERO, TINY
 from tactilevision.records.measured import Floats
 
@@ -122,16 +123,26 @@ LARGER = np.geomspace(1, 64, 13)  # factors of the presses' gain, for what chang
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Products of residuals (N, b) with the fit and with the directions, their squares, and priors (k, b)."""
+    """Residuals (N, b) in `columns`, with their products `own` (p, b) with the fit, `looked` (D, b) with the
+    directions and `squares` (b,), all without gain and zero of presses, and priors (k, b).
+    """
 
-    own: Product
-    looked: Product
-    squares: Product
+    columns: Columns
+    own: Floats
+    looked: Floats
+    squares: Floats
     priors: Floats
 
-    def of(self, k: int) -> _Seen:
-        """The k-th of them."""
-        return _Seen(self.own.of(k), self.looked.of(k), self.squares.of(k), self.priors[:, k : k + 1])
+
+class _Found(NamedTuple):
+    """-2 ln L (b, n) up to a constant, scores and squared lengths of the directions (b, n, D), and what the fit
+    absorbs (b, n, p).
+    """
+
+    costs: Floats
+    scores: Floats
+    lengths: Floats
+    moved: Floats
 
 
 class Cast:
@@ -178,19 +189,24 @@ class Cast:
 
     def ratios(
         self, noises: Sequence[Noise], residual_N: Floats, priors: Floats, *, gains: Sequence[float]
-    ) -> list[list[Floats]]:
-        """Return signed roots of the likelihood ratios of each table's directions, for residuals (N, b).
+    ) -> tuple[list[Floats], Floats]:
+        """Return the likelihood ratios (b, d) of each table's d directions, for residuals (N, b), and their
+        whitened parts (N, b) that the fit does not absorb.
 
         Each column of residuals has a noise of its own; `priors` (k, b) are the parameters' deviations from their
         priors, in std. A direction takes t^2 off -2 ln L at any noise; with it and without it the likeliest of
         `gains`, over the noise's own, counts, since changes from press to press otherwise count as scatter.
         """
-        seen, found = self._seen(residual_N, priors), []
-        for k, noise in enumerate(noises):
-            costs, scores, _ = self._under(seen.of(k), [self._of_presses(noise, share) for share in gains])
-            with_it = np.min(costs[:, None] - scores**2, axis=0)
-            found.append(list(np.split(np.sign(scores[0]) * np.sqrt(costs.min() - with_it), self.ends[:-1])))
-        return found
+        seen = self._seen(residual_N, priors)
+        found = self._under(seen, [[self._of_presses(noise, share) for share in gains] for noise in noises])
+        with_it = np.min(found.costs[..., None] - found.scores**2, axis=1)
+        ratio = found.costs.min(axis=1)[:, None] - with_it
+        fitted = [
+            seen_part - own @ found.moved[:, 0].T
+            for own, seen_part in zip(self._own.tables, seen.columns.tables, strict=True)
+        ]
+        white = self._weighing.white(replace(seen.columns, tables=fitted), noises)
+        return list(np.split(ratio, self.ends[:-1], axis=1)), white
 
     def _of_presses(self, noise: Noise, share: float) -> Noise:
         """Return the noise with the presses' scatter times `share`; points do not distinguish gain and zero."""
@@ -203,41 +219,46 @@ class Cast:
         A larger gain of the presses may account for part of it: -2 ln L rises by the least of rise + x^2 length
         over the gains.
         """
-        seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
-        costs, _, lengths = self._under(seen, [self._of_presses(self.fitted.noise, share) for share in LARGER])
-        rise = (costs - costs.min())[:, None]
-        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(lengths, TINY), axis=0)))
+        seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None])
+        found = self._under(seen, [[self._of_presses(self.fitted.noise, share) for share in LARGER]])
+        rise = (found.costs - found.costs.min()).T
+        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(found.lengths[0], TINY), axis=0)))
 
     def _seen(self, residual_N: Floats, priors: Floats) -> _Seen:
         errors = self._weighing.take(residual_N)
-        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
-        return _Seen(own, looked, self._weighing.squares(errors), priors)
+        own, looked = (self._weighing.product(one, errors).rest for one in (self._own, self._looked))
+        return _Seen(errors, own, looked, self._weighing.squares(errors).rest, priors)
 
-    def _under(self, seen: _Seen, noises: Sequence[Noise]) -> tuple[Floats, Floats, Floats]:
-        """Return -2 ln L (n,) of one residual under each of these noises, up to a constant, with the directions'
-        scores and squared lengths (n, D).
+    def _under(self, seen: _Seen, noises: Sequence[Sequence[Noise]]) -> _Found:
+        """Return what each residual (b,) shows under each of its own noises (b, n).
+
+        With W the presses' weights the products of A and a residual r are (A^T r - A^T G W G^T r)/scale^2.
         """
+        every, shape = [noise for row in noises for noise in row], (len(noises), -1)
         known, beside = self._priors, self._beside
-        within = self._within.under_each(noises) + known.T @ known
-        between = self._between.under_each(noises) + known.T @ beside
-        taken = np.linalg.solve(within, between)
-        lengths = self._lengths.under_each(noises) + np.sum(beside**2, axis=0) - np.sum(between * taken, axis=1)
-        own = seen.own.under_each(noises) + known.T @ seen.priors
-        along = seen.looked.under_each(noises) + beside.T @ seen.priors - taken.transpose(0, 2, 1) @ own
+        weight, scale = self._weighing.weights(every), scales(every)
+        within = self._within.weighted(weight, scale) + known.T @ known
+        between = self._between.weighted(weight, scale) + known.T @ beside
+        inverse = np.linalg.inv(within)
+        taken = inverse @ between
+        lengths = (
+            self._lengths.weighted(weight, scale) + np.sum(beside**2, axis=0) - np.sum(between * taken, axis=1)
+        )
+        index = np.repeat(np.arange(len(noises)), len(every) // len(noises))
+        shared = seen.columns.shared[:, :, index]  # (M, 2, b n)
+        lost = np.einsum("nmrs,msn->nmr", weight, shared).reshape(len(every), -1)
+        square = scale[:, None] ** 2
+        own = (seen.own.T[index] - lost @ self._own.shared.reshape(lost.shape[1], -1)) / square
+        own += (seen.priors.T @ known)[index]
+        along = (seen.looked.T[index] - lost @ self._looked.shared.reshape(lost.shape[1], -1)) / square
+        along += (seen.priors.T @ beside)[index] - (own[:, None] @ taken)[:, 0]
         unit = np.sqrt(np.where(self._visible, np.maximum(lengths, TINY), np.inf))
-        left = seen.squares.under_each(noises)[:, 0] - np.sum(own * np.linalg.solve(within, own), axis=(1, 2))
-        volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(within)[1]
-        costs = left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises]
-        return costs, along[:, :, 0] / unit, lengths
-
-    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
-        """Return the whitened part of a residual (N,) that the fit does not absorb."""
-        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
-        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
-        jacobian, white = seen[:, :-1], seen[:, -1]
-        within = jacobian.T @ jacobian + self._priors.T @ self._priors
-        own = jacobian.T @ white + self._priors.T @ priors
-        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
+        moved = (inverse @ own[:, :, None])[:, :, 0]
+        left = seen.squares[index] - np.sum(lost * shared.reshape(lost.shape[1], -1).T, axis=1)
+        left = left / scale**2 - np.sum(own * moved, axis=1)
+        volume = self._weighing.log_volumes(every) + np.linalg.slogdet(within)[1]
+        costs = left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in every]
+        return _Found(*(one.reshape(*shape, *one.shape[1:]) for one in (costs, along / unit, lengths, moved)))
 
     def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
         """Return the part in N of residuals (N, k) with priors (q, k) that the fit does not absorb."""

@@ -212,16 +212,15 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Return scores (b, k), excess scatter of presses while loading (b, M'), statistics of presses (b, q)."""
         count, most = len(noises), self._searched
-        scores = np.array(
-            [
-                [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in self._cast.ratios(noises, errors, priors, gains=self._gains)
-            ]
-        ).reshape(count, -1)
+        ratios, white = self._cast.ratios(noises, errors, priors, gains=self._gains)
+        columns = [
+            *(np.max(one, axis=1, initial=0.0) for one in ratios[:most]),
+            *(np.sum(one, axis=1) for one in ratios[most:]),
+        ]
+        scores = np.array(columns).reshape(-1, count).T
         loading, presses = np.zeros((count, 0)), np.zeros((count, 0))
         if self._scatter.seen:
-            white = (self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises))
-            loading = np.array([self._scatter.differences(one) for one in white])
+            loading = self._scatter.differences(white).T
         if self._presses is not None:
             presses = self._presses.statistics(self._cast.left_of(errors, priors)).T
         return scores, loading, presses

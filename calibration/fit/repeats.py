@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -97,17 +98,25 @@ def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise
 
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
     """Return -2 ln L plus the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
+    weighing, columns, noises, information, own = _stencil(fitted)
+    errors = weighing.take(errors_N)
+    seen = weighing.product(columns, errors).under_each(noises)
+    explained = np.sum(seen * np.linalg.solve(information, seen), axis=1)
+    return np.asarray(weighing.squares(errors).under_each(noises) - explained + own[:, None])
+
+
+@lru_cache(maxsize=2)  # a bootstrap asks once a batch
+def _stencil(fitted: Fit) -> tuple[reml.Weighing, reml.Columns, list[Noise], Floats, Floats]:
+    """Return what the costs of all errors share: the explained columns under each noise, and their own costs."""
     centre = reml.log_sizes(fitted.noise)
     places = centre + reml.stencil(centre.size)
     noises = [reml.sized(fitted.noise, logs) for logs in places]
     weighing = reml.Weighing(fitted.data, fitted.about, fitted.noise)
-    columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
+    columns = weighing.take(_explained(fitted))
     information = weighing.product(columns, columns).under_each(noises)
-    seen = weighing.product(columns, errors).under_each(noises)
-    explained = np.sum(seen * np.linalg.solve(information, seen), axis=1)
     volume = weighing.log_volumes(noises) + np.linalg.slogdet(information)[1]
     own = volume + [reml.prior_cost(logs, trust=fitted.noise.trust) for logs in places]
-    return np.asarray(weighing.squares(errors).under_each(noises) - explained + own[:, None])
+    return weighing, columns, noises, information, own
 
 
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:

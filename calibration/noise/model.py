@@ -275,7 +275,7 @@ class Scatter:
         self.seen = bool(np.count_nonzero(self._use) >= MIN_PRESSES)
 
     def differences(self, white: Floats) -> Floats:
-        """Return d of each press (M',), for a white residual (N,)."""
+        """Return d of each press (M',), for a white residual (N,), or (M', k) for several (N, k)."""
         tables = [(white[part.rows] ** 2, load, rest) for part, load, rest in self._parts]
         d = np.concatenate([_mean(table, load) - _mean(table, rest) for table, load, rest in tables])
         return np.asarray(d[self._use])
@@ -291,4 +291,5 @@ def _enough(where: Bools) -> Bools:
 
 
 def _mean(values: Floats, where: Bools) -> Floats:
-    return np.asarray(np.sum(values * where, axis=1) / np.maximum(where.sum(axis=1), 1))
+    kept = where.reshape(*where.shape, *[1] * (values.ndim - 2))
+    return np.asarray(np.sum(values * kept, axis=1) / np.maximum(kept.sum(axis=1), 1))

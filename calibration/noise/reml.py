@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -47,7 +47,7 @@ class Columns:
         return _joined([table.reshape(-1, table.shape[2]) for table in self.tables])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Product:
     """A^T V^-1 B for any sizes: `rest` (a, b), `left` (M, 2, a), `right` (M, 2, b), `common` (M, 2, 2).
 
@@ -65,20 +65,22 @@ class Product:
 
     def under_each(self, noises: Sequence[Noise]) -> Floats:
         """Return the product at the sizes of each, (n, a, b) or (n, b)."""
-        square = _squares(noises)
-        weight = inverse_of_one_plus(self.common * square)[0] * square
-        right = weight @ self.right
-        if self.rest.ndim == 1:
-            lost = np.sum(self.left * right, axis=(1, 2))
-        else:
-            lost = self.left.reshape(-1, self.left.shape[2]).T @ right.reshape(len(noises), -1, right.shape[3])
-        scale = np.array([noise.scale for noise in noises]).reshape(-1, *[1] * self.rest.ndim)
-        return np.asarray((self.rest - lost) / scale**2)
+        return self.weighted(weights(self.common, noises), scales(noises))
 
-    def of(self, k: int) -> Product:
-        """Return the product with the k-th column of B alone; of a diagonal its k-th number."""
-        left = self.left if self.rest.ndim > 1 else self.left[:, :, k : k + 1]
-        return Product(self.rest[..., k : k + 1], left, self.right[:, :, k : k + 1], self.common)
+    def weighted(self, weight: Floats, scale: Floats) -> Floats:
+        """Return the same at `weights` (n, M, 2, 2) and `scales` (n,) of the sizes."""
+        (first, cross), last = weight[..., 0, :].transpose(2, 0, 1), weight[..., 1, 1]
+        lost = np.hstack([first, cross, last]) @ self._shared
+        scale = scale.reshape(-1, *[1] * self.rest.ndim)
+        return np.asarray((self.rest - lost.reshape(-1, *self.rest.shape)) / scale**2)
+
+    @cached_property
+    def _shared(self) -> Floats:
+        """Products of both with gain and zero, (3 M, a b): of gain, of one with the other, of zero."""
+        (x, y), (u, v) = self.left.transpose(1, 0, 2), self.right.transpose(1, 0, 2)
+        if self.rest.ndim > 1:
+            x, y, u, v = x[:, :, None], y[:, :, None], u[:, None], v[:, None]
+        return np.concatenate([x * u, x * v + y * u, y * v]).reshape(3 * len(self.common), -1)
 
 
 class Weighing:
@@ -104,6 +106,28 @@ class Weighing:
         rest = sum(np.einsum("mtk,mtk->k", table, table) for table in one.tables)
         return Product(np.asarray(rest), one.shared, one.shared, self._common)
 
+    def weights(self, noises: Sequence[Noise]) -> Floats:
+        """Return the weights of gain and zero of each press at the sizes of each, (n, M, 2, 2)."""
+        return weights(self._common, noises)
+
+    def white(self, columns: Columns, noises: Sequence[Noise]) -> Floats:
+        """Return columns (N, n), each whitened by the noise of its own sizes, (N, n)."""
+        squares, flat = _squares(noises), np.empty((self._base.size, len(noises)))
+        for part, basis, root, table in zip(
+            self._parts, *zip(*self._bases, strict=True), columns.tables, strict=True
+        ):
+            size, axes = np.linalg.eigh(root @ squares @ root.transpose(0, 2, 1))
+            shrink = (axes * (1 - 1 / np.sqrt(1 + np.maximum(size, 0)))[..., None, :]) @ axes.swapaxes(2, 3)
+            along = shrink @ (basis.transpose(0, 2, 1) @ table).transpose(2, 0, 1)[..., None]
+            white = (table - basis @ along[..., 0].transpose(1, 2, 0)) / scales(noises)
+            flat[part.rows[part.real]] = white[part.real]
+        return flat
+
+    @cached_property
+    def _bases(self) -> list[tuple[Floats, Floats]]:
+        """Orthonormal bases (m, t, 2) of gain and zero of each press, and their roots (m, 2, 2)."""
+        return [tuple(np.linalg.qr(table)) for table in self._shared]
+
     def log_volume(self, noise: Noise) -> float:
         """Return ln det V, without the constant of the samples' noise at scale 1."""
         return float(self.log_volumes([noise])[0])
@@ -111,7 +135,7 @@ class Weighing:
     def log_volumes(self, noises: Sequence[Noise]) -> Floats:
         """Return the same of each, (n,)."""
         _, volumes = inverse_of_one_plus(self._common * _squares(noises))
-        scale = np.array([noise.scale for noise in noises])
+        scale = scales(noises)
         own = 2 * float(self._base.size) * np.log(scale) + self._filter.log_volume(self._parts)
         return np.asarray(own + np.sum(np.log(volumes), axis=1))
 
@@ -137,6 +161,17 @@ def inverse_of_one_plus(inner: Floats) -> tuple[Floats, Floats]:
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
     inverse = np.stack([1 + d, -b, -b, 1 + a], axis=-1) / volume[..., None]
     return inverse.reshape(inner.shape), volume
+
+
+def weights(common: Floats, noises: Sequence[Noise]) -> Floats:
+    """Return (1 + S G^T G S)^-1 S S' (n, M, 2, 2), the weights of gain and zero, for `common` (M, 2, 2)."""
+    square = _squares(noises)
+    return np.asarray(inverse_of_one_plus(common * square)[0] * square)
+
+
+def scales(noises: Sequence[Noise]) -> Floats:
+    """Return the scale of each (n,)."""
+    return np.array([noise.scale for noise in noises])
 
 
 def _squares(noises: Sequence[Noise]) -> Floats:
