@@ -9,7 +9,17 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, minimise, prior_pulls, unexplained
+from calibration.fit.least_squares import (
+    QUICK,
+    Fit,
+    Minimum,
+    Problem,
+    Residual,
+    fit,
+    minimise,
+    prior_pulls,
+    unexplained,
+)
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
@@ -205,15 +215,17 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
     """
     size = problem.data.size
 
-    def residual(free_values: Floats) -> Floats:
-        rows = problem.residual(free_values)
-        return np.concatenate([np.where(out, 0.0, rows[:size]), rows[size:]])
+    def kept(of: Residual, free_values: Floats) -> Floats:
+        rows = of(free_values)
+        rows[:size][out] = 0.0
+        return rows
 
-    places = start[problem.free][None]
+    residual, derivatives = (partial(kept, of) for of in (problem.residual, problem.derivatives))
+    solve = partial(minimise, residual, start[problem.free][None], box=problem.box, derivatives=derivatives)
     try:
-        return minimise(residual, places, box=problem.box, tolerance=QUICK)
+        return solve(tolerance=QUICK)
     except ConvergenceError:
-        return minimise(residual, places, box=problem.box, settled=False)
+        return solve(settled=False)
 
 
 def press_folds(data: Observations) -> Ints:

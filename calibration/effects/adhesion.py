@@ -82,11 +82,13 @@ def _contact_read(tension_N: Floats, data: Observations) -> Floats:
 
 def _in_contact(over: Floats) -> Floats:
     """Return 1 in contact and 0 after release, smooth so that a fit has a gradient."""
-    return np.asarray(1 / (1 + np.exp(np.clip(2 * over, -50, 50))))
+    share: Floats = 1 / (1 + np.exp(np.clip(2 * over, -50, 50)))
+    return share
 
 
 def _stiffness_growth(state: State, data: Observations) -> Floats:
     """Return dK0/da (N,) in N/mm^2, scaled to this state's stiffness."""
     a, h, nu = state.radius_mm, state.thickness_mm, nominal_nu(data.gel)
     inner, outer = (punch_stiffness(1.0, nu, radius_mm=a * (1 + side), thickness_mm=h) for side in (-STEP, STEP))
-    return np.asarray(state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a))
+    growth: Floats = state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a)
+    return growth

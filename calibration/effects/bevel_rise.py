@@ -57,7 +57,8 @@ class BevelRise(Pictured):
         """Return the reconstructed depth (N,), mm, where certified depths (N,) are too large by the rise."""
         known = relative_rise(data)
         rise = np.where(known == 0, TYPICAL_RISE, known)[data.presses.indenter[data.press]]
-        return np.asarray(depth_mm * (1 - values[0] * rise))
+        seen: Floats = depth_mm * (1 - values[0] * rise)
+        return seen
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the certified depth less the rise."""

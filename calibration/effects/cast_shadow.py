@@ -58,8 +58,9 @@ class CastShadow(OfPicture):
         if slopes is None:
             return depth_mm
         tilt, reach, toe = values
-        dark = np.clip((reach * data.depth_mm - toe - slopes.from_mm) / SOFT_MM, 0, 1)
-        return np.asarray(depth_mm * (1 + np.nan_to_num(tilt * data.depth_mm * dark / slopes.slope)))
+        dark = np.clip((reach * data.depth_mm - toe - np.nan_to_num(slopes.from_mm)) / SOFT_MM, 0, 1)
+        seen: Floats = depth_mm * (1 + tilt * np.nan_to_num(data.depth_mm / slopes.slope) * dark)
+        return seen
 
     def treat(self, data: Observations) -> Observations:
         """Return the data without the falls that begin within the reach of a low lamp's shadow, r w - b."""

@@ -15,8 +15,9 @@ from dataclasses import replace
 
 from calibration.inputs.conditions import missing_course
 from calibration.inputs.denoised_depth import denoised_depth
-from calibration.inputs.depth_path import depth_at
+from calibration.inputs.depth_path import depth_at, rate_at
 from calibration.inputs.observations import Observations
+from calibration.model.dual import chained, moves, value_of
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
@@ -43,7 +44,12 @@ class ClockOffset(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of another time."""
-        if values[0] == 0:
-            return state
-        smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
-        return replace(state, depth_mm=state.depth_mm + depth_at(smooth, -values[0]) - smooth.depth_mm)
+        return state if values[0] == 0 else state.plus(depth_mm=later_by(-values[0], data))
+
+
+def later_by(delay_s: Floats, data: Observations) -> Floats:
+    """Return the depth, mm, after a delay of one number or (N,) less the depth now, (N,)."""
+    smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
+    after = value_of(delay_s)
+    gained = depth_at(smooth, after) - smooth.depth_mm
+    return chained(gained, [(rate_at(smooth, after), delay_s)]) if moves(delay_s) else gained

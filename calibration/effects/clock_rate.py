@@ -8,11 +8,8 @@ to .005, and offsets up to 1 s; vanishes at r = 0. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from calibration.effects.clock_offset import later_by
 from calibration.inputs.conditions import missing_course, missing_times, running_s
-from calibration.inputs.denoised_depth import denoised_depth
-from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -39,7 +36,4 @@ class ClockRate(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of another time."""
-        if values[0] == 0:
-            return state
-        smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
-        return state.plus(depth_mm=depth_at(smooth, -values[0] * running_s(data)) - smooth.depth_mm)
+        return state if values[0] == 0 else state.plus(depth_mm=later_by(-values[0] * running_s(data), data))

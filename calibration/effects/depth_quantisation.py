@@ -37,4 +37,4 @@ class DepthQuantisation(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth nearer to its course."""
-        return state.plus(depth_mm=np.asarray(-values[0] * data.rounded_mm))
+        return state.plus(depth_mm=-values[0] * data.rounded_mm)

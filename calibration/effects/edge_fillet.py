@@ -53,4 +53,4 @@ class EdgeFillet(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with a rounder edge."""
-        return replace(state, edge_mm=state.edge_mm + values[0], sticking=float(values[1]))
+        return replace(state, edge_mm=state.edge_mm + values[0], sticking=values[1])

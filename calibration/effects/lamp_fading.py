@@ -50,7 +50,8 @@ class LampFading(OfPicture):
         angle = np.deg2rad(np.nan_to_num(slopes.azimuth_deg))
         side = values[0] * np.cos(angle) + values[1] * np.sin(angle)
         share = np.where(np.isnan(slopes.azimuth_deg), 0.0, side * running_share(data))
-        return np.asarray(depth_mm * (1 + share))
+        seen: Floats = depth_mm * (1 + share)
+        return seen
 
     def unseen(self, data: Observations) -> str:
         """Return why these depths cannot show the effect; empty where they can."""

@@ -8,8 +8,6 @@ While a fresh place is loaded, E takes up the set. Range: s up to .3; vanishes a
 
 from __future__ import annotations
 
-import numpy as np
-
 from calibration.effects.mullins import largest_past_depth
 from calibration.inputs.denoised_depth import nominal_depth
 from calibration.inputs.observations import Observations
@@ -41,4 +39,4 @@ class PermanentSet(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth below the lowered surface."""
         level = data.shifted(nominal_depth(data) - data.depth_mm)
-        return state.plus(depth_mm=np.asarray(-values[0] * largest_past_depth(level)))
+        return state.plus(depth_mm=-values[0] * largest_past_depth(level))

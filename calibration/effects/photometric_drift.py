@@ -9,8 +9,6 @@ the beginning and the end distinguishes it. Source: definition.
 
 from __future__ import annotations
 
-import numpy as np
-
 from calibration.effects.in_picture import Pictured
 from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
@@ -44,4 +42,5 @@ class PhotometricDrift(Pictured):
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
-        return np.asarray(depth_mm * (1 + values[0] * running_share(data)))
+        seen: Floats = depth_mm * (1 + values[0] * running_share(data))
+        return seen

@@ -9,8 +9,6 @@ Next to forces computed with a known E its prior is 5 % (a judgement). Source: d
 
 from __future__ import annotations
 
-import numpy as np
-
 from calibration.effects.in_picture import Pictured
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, amplitude
@@ -41,4 +39,5 @@ class PhotometricGain(Pictured):
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
-        return np.asarray(depth_mm * (1 + values[0]))
+        seen: Floats = depth_mm * (1 + values[0])
+        return seen

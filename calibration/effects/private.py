@@ -149,7 +149,7 @@ class PrivateEffect(EffectBase):
     ) -> None:
         self._process, self._origin, self._number, self.kind = process, origin, (process.starts, number), kind
         self._parameters: tuple[Parameter, ...] = about.pop("parameters")
-        vars(self).update(about, stage=Stage(about["stage"]))
+        vars(self).update(about, stage=Stage(about["stage"]), analytic=False)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -35,6 +35,7 @@ class Recovery(EffectBase):
     key = "recovery"
     title = "the gel has not recovered from the press before"
     stage = Stage.HISTORY
+    analytic = False
     seen_in = ("wait", "order")
     confused_with = ("mullins",)
     separated_by = ("varied waits",)

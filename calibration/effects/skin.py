@@ -50,4 +50,5 @@ def weight(ratio: Floats, poisson_ratio: float = 0.5) -> Floats:
     """Return Gao's I0 at ratio (N,) = t/a: from 0 for no skin to 1 for a thick one."""
     log = (1 - 2 * poisson_ratio) * ratio * np.log1p(ratio**-2.0)
     tail = (log - ratio / (1 + ratio**2)) / (2 * np.pi * (1 - poisson_ratio))
-    return np.asarray(2 / np.pi * np.arctan(ratio) + tail)
+    share: Floats = 2 / np.pi * np.arctan(ratio) + tail
+    return share

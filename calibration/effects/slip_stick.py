@@ -72,9 +72,9 @@ class SlipStick(EffectBase):
 
 def _teeth(turns: Floats) -> Floats:
     """Return the part of the turns (N,) after the point, smooth enough for a fit."""
-    n = np.arange(1, HARMONICS + 1)
-    waves = np.sin(2 * np.pi * np.multiply.outer(turns, n)) / n
-    return np.asarray(0.5 - waves.sum(axis=1) / np.pi)
+    waves = sum(np.sin(2 * np.pi * n * turns) / n for n in range(1, HARMONICS + 1))
+    teeth: Floats = 0.5 - waves / np.pi
+    return teeth
 
 
 def _longest(data: Observations) -> float:

@@ -50,7 +50,8 @@ class SlopeSaturation(Pictured):
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         k = values[0]
-        return np.asarray(np.tanh(k * depth_mm) / k if k > 0 else depth_mm)
+        seen: Floats = np.tanh(k * depth_mm) / k if k > 0 else depth_mm
+        return seen
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth corrected for the ceiling."""
@@ -91,4 +92,5 @@ class SlopeCeiling(SlopeSaturation):
         assert slopes is not None
         own = 1 / np.nanmedian(slopes.ball_slope)
         walls = wall_share(k / own, own * m * data.depth_mm)
-        return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, read_share(k * slopes.slope)))
+        seen: Floats = depth_mm * np.where(np.isnan(slopes.slope), walls, read_share(k * slopes.slope))
+        return seen

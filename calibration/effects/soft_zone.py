@@ -65,7 +65,8 @@ class SoftZone(EffectBase):
 
 
 def _along(x_mm: Floats, y_mm: Floats, direction_rad: float) -> Floats:
-    return np.asarray(np.cos(direction_rad) * x_mm + np.sin(direction_rad) * y_mm)
+    along: Floats = np.cos(direction_rad) * x_mm + np.sin(direction_rad) * y_mm
+    return along
 
 
 def _few(places: np.ndarray[tuple[int], np.dtype[np.int64]]) -> list[int]:

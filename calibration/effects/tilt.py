@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
+from calibration.model.dual import chained, moves, value_of
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.mechanics.tilted_punch import upright
 from tactilevision.records.measured import Floats
@@ -54,9 +55,15 @@ class Tilt(EffectBase):
             return state
         reach = data.radius_mm * values[0]
         centre = (state.depth_mm - reach * values[1]) / reach
-        effective = np.empty(data.size)
-        for radius in np.unique(data.presses.radius_mm):
-            mine = data.radius_mm == radius
-            x = centre[mine]
-            effective[mine] = np.where(x < -1, x, upright(x, float(radius / data.gel.thickness_mm)))
-        return replace(state, depth_mm=reach * effective)
+        return replace(state, depth_mm=reach * _upright(centre, data))
+
+
+def _upright(centre: Floats, data: Observations) -> Floats:
+    """Return the depth (N,) of an upright punch over a theta, at the centre's depth (N,) over a theta."""
+    x, (effective, rate) = value_of(centre), np.empty((2, data.size))
+    for radius in np.unique(data.presses.radius_mm):
+        mine = data.radius_mm == radius
+        ratio = float(radius / data.gel.thickness_mm)
+        effective[mine] = np.where(x[mine] < -1, x[mine], upright(x[mine], ratio))
+        rate[mine] = np.where(x[mine] < -1, 1.0, upright(x[mine], ratio, rate=True)) if moves(centre) else 0.0
+    return chained(effective, [(rate, centre)]) if moves(centre) else effective

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from calibration.inputs.conditions import missing_course
 from calibration.inputs.observations import Observations
+from calibration.model.dual import Dual, moves, value_of
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
@@ -27,7 +29,8 @@ TAU_S = (0.05, 100)  # s, from a few samples to a long hold: what a press can sh
 TAUS = (0.2, 1.0, 5, 25)  # s, where fits begin, one to each factor of five
 MAX_TERMS = 3  # of the Prony series: three decades of time
 RATIO = 8  # of time constants, where another term begins
-KEPT = 8  # cached steps of time: a fit asks for them again and again
+ROOT = 6e-6  # cube root of the machine epsilon: relative step of the recursion over tau
+KEPT = 16  # cached steps of time: a fit asks for them again and again
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,7 @@ class Viscoelasticity(EffectBase):
         return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))
 
 
-def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
+def relaxed(force_N: Any, tau_s: Any, *, data: Observations) -> Floats:
     """Return the part q (N,), N, of the elastic force that a Prony term of this time constant has relaxed.
 
         q(t) = P_e(t) - Int_0^t exp(-(t - s)/tau) dP_e(s)
@@ -99,15 +102,36 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
     and each press starts at 0. Between a sample in air and one in contact it is linear from the touch on. Source:
     Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
     """
+    force, tau = value_of(force_N), float(value_of(tau_s))
+    decay, gain = _step(data, tau)
+    columns = np.column_stack([force, force_N.whole.T]) if moves(force_N) else force[:, None]
+    innovation = np.diff(columns, axis=0, prepend=0.0) * gain[:, None]
+    innovation[data.first] = columns[data.first]
+    held = _recursion(decay, innovation)
+    lost: Floats = force - held[:, 0]
+    if not moves(force_N, tau_s):
+        return lost
+    slopes = force_N.whole - held[:, 1:].T if moves(force_N) else 0.0
+    if moves(tau_s):
+        slopes = slopes - _of_tau(force, held[:, 0], data, tau) * tau_s.slopes
+    return Dual(lost, slopes)
+
+
+def _recursion(decay: Floats, innovation: Floats) -> Floats:
+    """Return h_i = decay_i h_(i-1) + innovation_i, for columns (N, k)."""
     from scipy.linalg.lapack import dtbtrs
 
-    decay, gain = _step(data, tau_s)
-    innovation = np.diff(force_N, prepend=0.0) * gain
-    innovation[data.first] = force_N[data.first]
-    held, _ = dtbtrs(
-        np.array([np.ones(data.size), np.append(-decay[1:], 0)]), innovation[:, None], uplo="L", diag="U"
-    )
-    return np.asarray(force_N - held[:, 0])
+    held, _ = dtbtrs(np.array([np.ones(decay.size), np.append(-decay[1:], 0)]), innovation, uplo="L", diag="U")
+    return np.asarray(held)
+
+
+def _of_tau(force_N: Floats, held_N: Floats, data: Observations, tau_s: float) -> Floats:
+    """Return the derivative (N,) of what is held, by the recursion's own."""
+    step = ROOT * tau_s
+    (decay, _), (after, gain), (before, other) = (_step(data, tau_s + side * step) for side in (0, 1, -1))
+    change = np.diff(force_N, prepend=0.0) * (gain - other) + np.roll(held_N, 1) * (after - before)
+    change[data.first] = 0
+    return _recursion(decay, change[:, None] / (2 * step))[:, 0]
 
 
 @lru_cache(maxsize=KEPT)

@@ -70,10 +70,17 @@ def box_of(parameters: Sequence[Parameter]) -> Box:
 
 
 def minimise(
-    residual: Residual, starts: Floats, *, box: Box, tolerance: float = FINE, settled: bool = True
+    residual: Residual,
+    starts: Floats,
+    *,
+    box: Box,
+    tolerance: float = FINE,
+    settled: bool = True,
+    derivatives: Residual | None = None,
 ) -> Minimum:
     """Return the best of the minima reached from `starts` (s, p), which are moved inside the box.
 
+    `derivatives` returns the Jacobian (n, p) at values (p,); without it differences are taken.
     Several starts are ranked at a tolerance of QUICK, which halves the work, and the best is refined to
     `tolerance`. Without `settled` the last place of a descent that has not converged (at a kink) is accepted.
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
@@ -81,10 +88,15 @@ def minimise(
     places, quick = np.atleast_2d(starts), tolerance
     if len(places) > 1:
         quick = max(tolerance, QUICK)
-    tried = [_descend(residual, _inside(start, box), box, quick, settled) for start in places]
+
+    def descend(start: Floats, least: float) -> Minimum | None:
+        slopes = derivatives or partial(differentiate, residual, box=box, quick=least >= QUICK)
+        return _descend(residual, slopes, _inside(start, box), box=box, tolerance=least, settled=settled)
+
+    tried = [descend(start, quick) for start in places]
     best = min((one for one in tried if one is not None), key=lambda one: one.chi2, default=None)
     if best is not None and quick > tolerance:
-        best = _descend(residual, _inside(best.values, box), box, tolerance, settled) or best
+        best = descend(best.values, tolerance) or best
     if best is None:
         raise ConvergenceError(f"least squares found no minimum from {len(places)} starts")
     return best
@@ -107,7 +119,9 @@ def differentiate(residual: Residual, values: Floats, *, box: Box, quick: bool =
     return np.column_stack(columns)
 
 
-def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, settled: bool) -> Minimum | None:
+def _descend(
+    residual: Residual, slopes: Residual, start: Floats, *, box: Box, tolerance: float, settled: bool
+) -> Minimum | None:
     from scipy.optimize import least_squares
 
     if not np.isfinite(residual(start)).all():
@@ -118,7 +132,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
     solve = partial(
         least_squares,
         residual,
-        jac=partial(differentiate, residual, box=box, quick=tolerance >= QUICK),
+        jac=slopes,
         bounds=(box.low, box.high),
         x_scale=box.scale,
         xtol=tolerance,
@@ -136,10 +150,10 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
     near = MICRO * box.scale
     at_bound = (solution.x - box.low < near) | (box.high - solution.x < near)
     found = Minimum(np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound)
-    return found if at_bound.any() or tolerance >= QUICK else _polish(residual, found, box)
+    return found if at_bound.any() or tolerance >= QUICK else _polish(residual, slopes, found, box=box)
 
 
-def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
+def _polish(residual: Residual, slopes: Residual, found: Minimum, *, box: Box) -> Minimum:
     """Refine a minimum by one Gauss-Newton step by orthogonal factors, for ill-conditioned problems."""
     size = np.linalg.norm(found.jacobian, axis=0)
     if not (size > 0).all():
@@ -151,7 +165,7 @@ def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
     better = residual(values)
     if not float(better @ better) <= (1 + TINY) * found.chi2:  # known to rounding only
         return found
-    return Minimum(values, better, differentiate(residual, values, box=box), found.at_bound)
+    return Minimum(values, better, slopes(values), found.at_bound)
 
 
 def _inside(start: Floats, box: Box) -> Floats:
@@ -361,17 +375,19 @@ class Problem(Parametrised):
 
     def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:
         """Return the best minimum from `starts` (s, p) of all parameters."""
-        return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance)
+        return minimise(
+            self.residual, starts[:, self.free], box=self.box, tolerance=tolerance, derivatives=self.derivatives
+        )
+
+    def derivatives(self, free_values: Floats) -> Floats:
+        """Return the Jacobian (N + k, q) of `residual`, with k priors and q free parameters."""
+        free, weight = self.free, self.prior_weight
+        white = self.whitener.apply(self.jacobian(self.full(free_values))[:, free])
+        return np.vstack([white, np.diag(weight)[(weight > 0) & free][:, free]])
 
     def jacobian(self, values: Floats) -> Floats:
         """Return d force/d parameter (N, p) without whitening; 0 for fixed parameters."""
-        free = self.free
-        table = np.zeros((self.data.size, free.size))
-        table[:, free] = differentiate(self._force, values[free], box=self.box)
-        return table
-
-    def _force(self, free_values: Floats) -> Floats:
-        return self.model.predict(self.full(free_values), self.data)
+        return self.model.derivatives(values, self.data, free=self.free)
 
 
 def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> Noise:

@@ -38,9 +38,10 @@ class Heights(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of each indenter's presses shifted, but not of indenters added later."""
-        shift = np.zeros(len(data.indenters))
-        shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
-        return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
+        known = np.array([k for k, (_, std) in enumerate(self.stds) if std > 0])
+        number = data.presses.indenter[data.press]
+        place = np.minimum(np.searchsorted(known, number), known.size - 1)
+        return state.plus(depth_mm=values[place] * (known[place] == number))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +87,9 @@ class Dimensions(EffectBase):
         """Return the state with thickness and radius shifted."""
         thickness = state.thickness_mm + (values[0] if self.thickness_std_mm > 0 else 0.0)
         known = [radius for radius, std in self.radii if std > 0]
-        radius = state.radius_mm.copy()
-        for value, where in zip(values[int(self.thickness_std_mm > 0) :], known, strict=True):
-            radius[data.radius_mm == where] += value
-        return replace(state, thickness_mm=thickness, radius_mm=radius)
+        shifts = zip(values[int(self.thickness_std_mm > 0) :], known, strict=True)
+        shift = sum((value * (data.radius_mm == where) for value, where in shifts), np.zeros(data.size))
+        return replace(state, thickness_mm=thickness, radius_mm=state.radius_mm + shift)
 
 
 def with_tolerances(model: Model, data: Observations) -> Model:

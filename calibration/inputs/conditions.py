@@ -168,12 +168,13 @@ def running_share(data: Observations) -> Floats:
     return np.asarray(passed / passed.max())
 
 
-def settling_share(data: Observations, settles: float) -> Floats:
+def settling_share(data: Observations, settles: Floats | float) -> Floats:
     """Return the share (N,) of a drift over the running time that settles after the share `settles` of it.
 
     (1 - exp(-s/k)) / (1 - exp(-1/k)),    s the share of the running time, k = `settles`
     """
-    return np.asarray(np.expm1(-running_share(data) / settles) / np.expm1(-1 / settles))
+    share: Floats = np.expm1(-running_share(data) / settles) / np.expm1(-1 / settles)
+    return share
 
 
 def running_s(data: Observations) -> Floats:

@@ -38,6 +38,15 @@ def depth_at(data: Observations, later_s: Floats | float) -> Floats:
     return np.asarray(np.interp(asked, time_s, depth_mm))
 
 
+def rate_at(data: Observations, later_s: Floats | float) -> Floats:
+    """Return the rate of `depth_at` (N,), mm/s; 0 before and after the press moves."""
+    time_s, depth_mm, samples_s, (begin_s, end_s) = _course(data)
+    asked = samples_s + later_s
+    place = np.clip(np.searchsorted(time_s, asked, side="right"), 1, time_s.size - 1)
+    rate = (depth_mm[place] - depth_mm[place - 1]) / np.maximum(time_s[place] - time_s[place - 1], NONZERO)
+    return np.where((asked > begin_s[data.press]) & (asked < end_s[data.press]), rate, 0.0)
+
+
 @by_times
 def _course(data: Observations) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the piecewise linear depth of all presses, one after the other.

@@ -16,17 +16,19 @@ Sources: Hayes et al., J. Biomech. 5 (1972) 541; the bracket: Zhang, Zheng, Mak,
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.laws import theory
 from calibration.model.composition import Composable
+from calibration.model.dual import chained, moves, value_of
 from calibration.model.stages import Parameter, Prior, State
 from tactilevision.errors import InputError
-from tactilevision.mechanics.filleted_punch import rounded_contact
+from tactilevision.mechanics.filleted_punch import rounded_contact, rounded_slope
 from tactilevision.records.constants import NU_MAX, NU_NOMINAL, NU_SILICONE
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import Gel
@@ -70,12 +72,13 @@ class FlatPunch(Composable):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with c and the force on its own radius and thickness."""
         number = radius_number(data)
-        sharp, rounded = values[0] * _per_modulus(state, float(values[1]), max(self.sticking, state.sticking))
+        factor = values[0]
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
-            surplus = np.array([theory.sticking_surplus(values[1], float(r)) for r in ratios])
-            factor = 1 + self.sticking * surplus[number]
-            sharp, rounded = factor * sharp, factor * rounded
+            surplus = (theory.sticking_surplus(values[1], float(r)) * (number == k) for k, r in enumerate(ratios))
+            factor = factor * (1 + self.sticking * sum(surplus))
+        unit = _per_modulus(state, values[1], max(self.sticking, state.sticking))
+        sharp, rounded = factor * unit[0], factor * unit[1]
         depth = np.maximum(state.depth_mm, 0)
         strain = depth / state.thickness_mm
         bracket = 1 + values[2:][number] * strain
@@ -85,20 +88,29 @@ class FlatPunch(Composable):
         return replace(state, stiffness_N_per_mm=sharp, force_N=rounded * depth * bracket)
 
 
-def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
+def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Sequence[Floats]:
     """Return force over depth at E = 1 MPa of a sharp edge and of the actual edge, (2, N) in N/mm; cached."""
     shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
+    if moves(poisson_ratio, sticking, *shape):
+        return _both(state, poisson_ratio, sticking)
     for nu, sticks, known, table in tuple(reversed(_STIFFNESS)):
         same = (one is other or np.array_equal(one, other) for one, other in zip(known, shape, strict=True))
         if nu == poisson_ratio and sticks == sticking and all(same):
             return table
-    unit, both = theory.punch_stiffness, (state, on_its_edge(state, poisson_ratio, sticking=sticking))
-    rows = [s.factor * unit(1.0, poisson_ratio, radius_mm=s.radius_mm, thickness_mm=s.thickness_mm) for s in both]
-    table = np.array(rows)
+    table = np.array(_both(state, poisson_ratio, sticking))
     table.setflags(write=False)
     copies = tuple(a.copy() if a.flags.writeable else a for a in shape)  # an effect may reuse its arrays
     _STIFFNESS.append((poisson_ratio, sticking, copies, table))
     return table
+
+
+def _both(state: State, poisson_ratio: float, sticking: float) -> list[Floats]:
+    rounded = on_its_edge(state, poisson_ratio, sticking=sticking)
+    unit = partial(theory.punch_stiffness, 1.0, poisson_ratio)
+    sharp = state.factor * unit(radius_mm=state.radius_mm, thickness_mm=state.thickness_mm)
+    if rounded is state:
+        return [sharp, sharp]
+    return [sharp, rounded.factor * unit(radius_mm=rounded.radius_mm, thickness_mm=rounded.thickness_mm)]
 
 
 def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) -> State:
@@ -106,25 +118,30 @@ def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) ->
 
     Its share of the force enters `factor`. Samples (N,) without a finite radius or thickness are not changed.
     """
-    left = (state.edge_mm > 0) & np.isfinite(state.radius_mm) & np.isfinite(state.thickness_mm)
+    given = (state.radius_mm, state.edge_mm, state.thickness_mm, poisson_ratio, sticking)
+    radii, edges, layers, nu, sticks = (value_of(one) for one in given)
+    left = (edges > 0) & np.isfinite(radii) & np.isfinite(layers)
     if not left.any():
         return state
-    radius, share = state.radius_mm.copy(), state.factor.copy()
+    met, depth = np.array([radii, np.ones(radii.size)]), value_of(state.depth_mm)
+    moved = [(order, one) for order, one in enumerate((state.depth_mm, *given)) if moves(one)]
+    slopes = np.zeros((len(moved), *met.shape))
+    for row, (order, _) in zip(slopes, moved, strict=True):
+        row[0] = order == 1  # where the edge is sharp the contact's radius is the punch's
     while left.any():  # few kinds of punch: quicker than sorting all samples
         k = int(np.argmax(left))
-        outer, edge, thickness = (float(one[k]) for one in (state.radius_mm, state.edge_mm, state.thickness_mm))
-        mine = left & (state.radius_mm == outer) & (state.edge_mm == edge) & (state.thickness_mm == thickness)
+        mine = left & (radii == radii[k]) & (edges == edges[k]) & (layers == layers[k])
         left &= ~mine
-        radius[mine], met = rounded_contact(
-            state.depth_mm[mine],
-            outer,
-            edge_mm=edge,
-            thickness_mm=thickness,
-            poisson_ratio=poisson_ratio,
-            sticking=sticking,
+        punch = tuple(map(float, (radii[k], edges[k], layers[k], nu, sticks)))
+        met[:, mine] = rounded_contact(depth[mine], *punch)
+        for row, (order, _) in zip(slopes, moved, strict=True):
+            row[:, mine] = rounded_slope(depth[mine], *punch, along=order)
+    radius, share = met
+    if moved:
+        radius, share = (
+            chained(met[k], [(row[k], one) for row, (_, one) in zip(slopes, moved, strict=True)]) for k in (0, 1)
         )
-        share[mine] *= met
-    return replace(state, radius_mm=radius, factor=share)
+    return replace(state, radius_mm=radius, factor=state.factor * share)
 
 
 def betas(data: Observations) -> tuple[Parameter, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial.legendre import legval
+from numpy.polynomial.legendre import legvander
 
 from calibration.inputs.observations import EdgeDrop, Observations, Slopes
 from calibration.laws.flat_punch import STATED_NU_STD
@@ -105,13 +105,15 @@ def wall_share(ratio: float, steep: Floats) -> Floats:
 
     `steep` (N,) is the walls' slope over the method's own ceiling S: a wall is read as T(steep), T(x) = tanh(x)/x.
     """
-    return np.asarray(read_share(np.hypot(ratio, 1.0) * steep) / read_share(steep))
+    share: Floats = read_share(np.hypot(ratio, 1.0) * steep) / read_share(steep)
+    return share
 
 
 def read_share(x: Floats) -> Floats:
     """Return the share tanh(x)/x (N,) that is read of slopes x (N,) times the ceiling."""
     x = np.maximum(x, TINY)
-    return np.asarray(np.tanh(x) / x)
+    share: Floats = np.tanh(x) / x
+    return share
 
 
 WALLS = 3  # terms of a face's own error over the depths
@@ -155,13 +157,17 @@ class ReconstructedDepth(Composable):
         """Return the state with the reconstructed depth as its force."""
         stated = _stated(data)
         changes = np.array([change for *_, change in _slope_errors(data)]).reshape(-1, data.size)
-        share = np.sum(values[values.size - len(changes) :, None] * changes, axis=0)
+        own = values[values.size - len(changes) :]
+        share = sum((value * change for value, change in zip(own, changes, strict=True)), np.zeros(data.size))
         depth = state.depth_mm
         if data.slopes is not None:
             depth = np.where(beside_face(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
         seen = depth * (1 + share) + values[0] * _of_face(data)
         if stated is not None:
-            seen = seen + stated * legval(_across(data.depth_mm), values[1 : 1 + WALLS])
+            along = legvander(_across(data.depth_mm), WALLS - 1).T
+            seen = seen + stated * sum(
+                value * one for value, one in zip(values[1 : 1 + WALLS], along, strict=True)
+            )
         return replace(state, force_N=seen, stiffness_N_per_mm=np.ones(data.size))
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.legendre import legval
+from numpy.polynomial.legendre import legvander
 
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Composable
@@ -60,7 +60,8 @@ class Resultant(Composable):
         deeper = np.maximum(state.depth_mm, 0) / found.depth_mm
         thicker = (state.thickness_mm / data.gel.thickness_mm) ** found.of_thickness
         along = 2 * (found.depth_mm - found.depth_mm.min()) / max(float(np.ptp(found.depth_mm)), TINY) - 1
-        own = 1 + found.std * legval(along, values[2:])
+        table = legvander(along, len(values) - 3).T
+        own = 1 + found.std * sum(value * one for value, one in zip(values[2:], table, strict=True))
         scale = values[0] / self.parameters(data)[0].default * state.factor * thicker * own
         force = found.force_N * scale * deeper**found.of_depth
         slope = found.of_depth * force / np.maximum(state.depth_mm, TINY)

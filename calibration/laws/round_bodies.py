@@ -47,6 +47,8 @@ class RoundBody(Composable):
 
     shape: Literal["sphere", "cone"]
 
+    analytic = False
+
     @property
     def key(self) -> str:
         """The shape."""

@@ -10,13 +10,14 @@ stated error; beyond the tabulated depth the parabola is extrapolated.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibration.model.dual import chained, moves, value_of
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
-from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.mechanics.kappa import fast_kappa, kappa_slopes
 from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.tables.punch import force_ratio
@@ -170,13 +171,15 @@ XI_END = 600  # largest wave number, 1/a
 XI_STEP = 0.05  # between wave numbers, 1/a: a twentieth of what a layer of thickness a needs
 
 
-def sticking_surplus(poisson_ratio: float, a_over_h: float) -> float:
+def sticking_surplus(poisson_ratio: Any, a_over_h: float) -> Any:
     """Return P_stick/P_free - 1: 0 for a half-space at nu = .5, some per cent at a/h near 1, smooth in nu.
 
     nu is clipped to [0, .4999] and a/h to [.05, 5].
     """
     nu = min(max(poisson_ratio, 0.0), NU_MAX)
-    return max(float(_spline(round(min(max(a_over_h, A_OVER_H_RANGE[0]), 5), 3))(nu)), 0.0)
+    spline, at = _spline(round(min(max(a_over_h, A_OVER_H_RANGE[0]), 5), 3)), float(value_of(nu))
+    surplus = max(float(spline(at)), 0.0)
+    return chained(surplus, [(float(spline(at, 1)) * (surplus > 0), nu)]) if moves(nu) else surplus
 
 
 @lru_cache(maxsize=128)
@@ -235,16 +238,24 @@ def punch_stiffness(
     nu and a/h are clipped to the range of kappa's table, so that an optimiser outside it gets a value, not an
     error.
     """
-    nu = float(np.clip(poisson_ratio, 0, NU_MAX))
+    nu = np.clip(poisson_ratio, 0, NU_MAX)
     ratio = np.clip(radius_mm / thickness_mm, *A_OVER_H_RANGE)
-    kappa = _kappa(nu, ratio.tobytes())
-    return np.asarray(2 * radius_mm * modulus_MPa * kappa / (1 - nu**2))
+    asked = float(value_of(nu)), value_of(ratio).tobytes()
+    kappa: Any = _kappa(*asked)
+    if moves(nu, ratio):
+        of_nu, of_ratio = _kappa(*asked, slopes=True)
+        kappa = chained(kappa, [(of_nu, nu), (of_ratio, ratio)])
+    stiffness: Floats = 2 * radius_mm * modulus_MPa * kappa / (1 - nu**2)
+    return stiffness
 
 
 @lru_cache(maxsize=128)
-def _kappa(poisson_ratio: float, ratios: bytes) -> Floats:
-    """Return kappa of packed a/h, cached: derivatives with respect to other parameters ask for the same again."""
+def _kappa(poisson_ratio: float, ratios: bytes, *, slopes: bool = False) -> Floats:
+    """Return kappa of packed a/h, or its slopes (2, N) over nu and a/h.
+
+    Cached: derivatives with respect to other parameters ask for the same again.
+    """
     few, where = np.unique(np.frombuffer(ratios), return_inverse=True)
-    kappa = fast_kappa(poisson_ratio, few)[where]
+    kappa = (kappa_slopes if slopes else fast_kappa)(poisson_ratio, few)[..., where]
     kappa.setflags(write=False)
     return kappa

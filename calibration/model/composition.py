@@ -5,18 +5,20 @@ model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from calibration.inputs.observations import TYPICAL_ZERO_MM, Observations
-from calibration.model.stages import Effect, Law, Parameter, Stage, State
+from calibration.model.dual import Dual, moves, value_of
+from calibration.model.stages import Effect, EffectBase, Law, Parameter, Stage, State
 from tactilevision.errors import InputError
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Bools, Floats
 
+ROOT = 6e-6  # cube root of the machine epsilon: relative step of central differences
 KEPT = 8  # data sets whose initial state is cached: a fit begins from it at every step
 
 
@@ -58,18 +60,11 @@ class Model:
 
     def slices(self, data: Observations) -> dict[str, slice]:
         """Return the slice of each part in the vector of parameters: "law", then the effects' keys."""
-        return self._places(len(self.law.parameters(data)))
-
-    def _places(self, start: int) -> dict[str, slice]:
-        places = {"law": slice(0, start)}
-        for effect in self.effects:
-            places[effect.key] = slice(start, start + len(effect.parameters))
-            start = places[effect.key].stop
-        return places
+        return self.slices_of(len(self.law.parameters(data)) + sum(len(e.parameters) for e in self.effects))
 
     def slices_of(self, size: int) -> dict[str, slice]:
         """Return the slices for a vector of this many values, without data."""
-        return self._places(size - sum(len(e.parameters) for e in self.effects))
+        return _places(self.effects, size)
 
     def defaults(self, data: Observations) -> Floats:
         """Return the default of each parameter, with every effect off."""
@@ -84,6 +79,15 @@ class Model:
         places = self.slices_of(values.size)
         return float(values[0] * np.prod([e.of_modulus(values[places[e.key]]) for e in self.effects]))
 
+    def derivatives(self, values: Floats, data: Observations, *, free: Bools | None = None) -> Floats:
+        """Return d force/d parameter (N, p), by the chain rule; 0 for those that are not `free`."""
+        free = np.ones(values.size, dtype=bool) if free is None else free
+        table = np.zeros((data.size, values.size))
+        force = self.state(cast(Any, Dual(values, np.eye(values.size)[free])), data).force_N
+        if isinstance(force, Dual):
+            table[:, free] = force.whole.T
+        return table
+
     def state(self, values: Floats, data: Observations) -> State:
         """Return the state after the last stage."""
         if not any(e.reads_force for e in self.effects):
@@ -96,12 +100,11 @@ class Model:
         """Return the state after all stages, with the force in `data` for effects that read it."""
         places = self.slices_of(values.size)
         state = rest_state(data)
-        stages = [(e.stage, e) for e in self.effects]
-        for effect in (e for stage, e in stages if stage < Stage.MATERIAL):
-            state = effect.apply(state, values[places[effect.key]], data)
-        state = self.law.apply(state, values[places["law"]], data)
-        for effect in (e for stage, e in stages if stage >= Stage.MATERIAL):
-            state = effect.apply(state, values[places[effect.key]], data)
+        before = sum(e.stage < Stage.MATERIAL for e in self.effects)
+        parts = [*self.effects[:before], self.law, *self.effects[before:]]
+        for part in parts:
+            own = values[places["law" if part is self.law else part.key]]
+            state = _moved(part, state, own, data) if moves(values) else part.apply(state, own, data)
         return state
 
     def slope(self, values: Floats, data: Observations) -> Floats:
@@ -116,10 +119,65 @@ class Model:
 
 
 class Composable:
-    """Base of laws: `+` with an effect makes a model."""
+    """Base of laws: `+` with an effect makes a model. `analytic` as of effects."""
+
+    __slots__ = ()
+    analytic: ClassVar[bool] = True
 
     def __add__(self: Any, effect: Effect) -> Model:
         return Model(self) + effect
+
+
+@lru_cache(maxsize=64)  # a fit asks at every step
+def _places(effects: tuple[Effect, ...], size: int) -> dict[str, slice]:
+    counts = [len(effect.parameters) for effect in effects]
+    ends = np.cumsum([size - sum(counts), *counts]).tolist()
+    pairs = zip(effects, ends, ends[1:], strict=False)
+    return {"law": slice(0, ends[0])} | {effect.key: slice(start, end) for effect, start, end in pairs}
+
+
+def _moved(part: Law | Effect, state: State, own: Any, data: Observations) -> State:
+    """Return the state of Duals after a law or an effect, by differences where its own form takes no Duals.
+
+    So, too, after one that returns the state unchanged at the end of its range.
+    """
+    if part.analytic:
+        after = part.apply(state, own, data)
+        if after is not state or not any(moves(one) for one in own):
+            return after
+    return _differenced(part, state, own, replace(data, force_N=value_of(data.force_N)))
+
+
+def _differenced(part: Law | Effect, state: State, own: Any, data: Observations) -> State:
+    names = [field.name for field in fields(State)]
+    plain = {name: value_of(getattr(state, name)) for name in names}
+    table = part.parameters if isinstance(part, EffectBase) else part.parameters(data)
+    low, high = np.array([p.bounds for p in table]).T
+    size = np.maximum(np.abs(own.value), [p.scale for p in table])
+    after = part.apply(State(**plain), own.value, data)
+    slopes = {name: np.zeros((len(own.slopes), data.size)) for name in names}
+    for k, way in enumerate(own.slopes):
+        along = {name: one.whole[k] for name in names if isinstance(one := getattr(state, name), Dual)}
+        shares = [np.max(np.abs(one)) / max(np.max(np.abs(plain[name])), TINY) for name, one in along.items()]
+        if not (share := max(np.max(np.abs(way) / size, initial=0.0), *shares, 0.0)):
+            continue
+        ends = [own.value + side * ROOT / share * way for side in (-1, 1)]
+        steps = [
+            side * ROOT / share * bool(((low <= end) & (end <= high)).all())
+            for side, end in zip((-1, 1), ends, strict=True)
+        ]
+        sides = [
+            part.apply(
+                State(**plain | {n: plain[n] + step * one for n, one in along.items()}),
+                own.value + step * way,
+                data,
+            )
+            for step in steps
+        ]
+        for name in names:
+            slopes[name][k] = (getattr(sides[1], name) - getattr(sides[0], name)) / (steps[1] - steps[0])
+    whole = {name: (getattr(after, name), slopes[name]) for name in names}
+    return State(**{name: Dual(one, slope) if slope.any() else one for name, (one, slope) in whole.items()})
 
 
 def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
@@ -127,7 +185,8 @@ def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
     shrink = (once - start) - (twice - once)
     safe = np.abs(shrink) > TINY * (1 + np.abs(twice))
     ratio = np.where(safe, (twice - once) / np.where(safe, shrink, 1.0), 0.0)
-    return np.asarray(np.where(np.abs(ratio) < 5, twice + ratio * (twice - once), twice))
+    limit: Floats = np.where(np.abs(ratio) < 5, twice + ratio * (twice - once), twice)
+    return limit
 
 
 @lru_cache(maxsize=KEPT)

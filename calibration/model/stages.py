@@ -147,7 +147,7 @@ class Law(Protocol):
         """Return the fitted parameters; they may depend on the indenters of `data`."""
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with `stiffness_N_per_mm` and `force_N`."""
+        """Return the state with `stiffness_N_per_mm` and `force_N`; with Duals given, Duals (`analytic`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,10 @@ class EffectBase:
     the observations once the effect is added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed
     starts of a fit, a row each. `std_at_known_E`: the prior's std of a factor on E where E is known; None: none.
     `searched`: number of forms n that its starts search, which costs 2 ln n of chi^2 beyond 2 a parameter.
+    `analytic`: `apply` also takes the Duals of model/dual; otherwise its stage is differentiated by differences.
     """
 
+    analytic: ClassVar[bool] = True
     key: ClassVar[str] = ""
     title: ClassVar[str] = ""
     stage: ClassVar[Stage]

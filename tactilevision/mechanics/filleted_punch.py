@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 SHARP_MM = 1e-5  # a smaller rounding is ignored
 MIN_FLAT = 0.05  # least flat part of the radius
+STEP = 6e-6  # relative step of differences over a punch and its layer: cube root of the machine epsilon
 STEPS = 33  # of the contact's radius in the spline of its growth
 RATIOS = (0.05, 5)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
@@ -49,7 +50,6 @@ SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 def rounded_contact(
     depth_mm: Floats,
     outer_mm: float,
-    *,
     edge_mm: float,
     thickness_mm: float,
     poisson_ratio: float,
@@ -68,6 +68,43 @@ def rounded_contact(
     whole = depth_mm >= growth.need_mm
     flat_mm = growth.flat_mm
     return flat_mm + (outer_mm - flat_mm) * np.where(whole, 1.0, root) ** 2, np.where(whole, full, met)
+
+
+def rounded_slope(
+    depth_mm: Floats,
+    outer_mm: float,
+    edge_mm: float,
+    thickness_mm: float,
+    poisson_ratio: float,
+    sticking: float,
+    *,
+    along: int,
+) -> Floats:
+    """Return the derivatives (2, N) of `rounded_contact` with respect to one argument, the depth being number 0.
+
+    Over the depth exact, over the others, which shape the growth, by central differences.
+    """
+    punch = np.array([outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking])
+    if along == 0:
+        return _over_depth(depth_mm, *punch)
+    step = np.zeros(punch.size)
+    step[along - 1] = STEP * max(punch[along - 1], MIN_FLAT)
+    low, high = np.maximum(punch - step, 0), punch + step
+    change = np.array(rounded_contact(depth_mm, *high)) - np.array(rounded_contact(depth_mm, *low))
+    return np.asarray(change / (high - low)[along - 1])
+
+
+def _over_depth(depth_mm: Floats, outer_mm: float, edge_mm: float, *rest: float) -> Floats:
+    if edge_mm < SHARP_MM:
+        return np.zeros((2, *depth_mm.shape))
+    growth = _growth(outer_mm, edge_mm, *rest)
+    inside = np.clip(depth_mm, SHARP_MM**2, growth.need_mm)
+    root, (of_root, of_met) = growth.through(np.cbrt(inside))[:, 0], growth.through(np.cbrt(inside), 1).T
+    per_depth = (depth_mm > 0) / (3 * np.cbrt(inside) ** 2)
+    radius = 2 * (outer_mm - growth.flat_mm) * root * of_root * per_depth
+    whole = depth_mm >= growth.need_mm
+    full = growth.lost_mm / np.maximum(depth_mm, growth.need_mm) ** 2
+    return np.where(whole, [np.zeros_like(full), full], [radius, of_met * per_depth])
 
 
 class _Growth(NamedTuple):

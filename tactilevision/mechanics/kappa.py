@@ -61,6 +61,14 @@ def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
     return np.asarray(np.exp(_spline().ev(_stretched(nu), np.log(alpha))))
 
 
+def kappa_slopes(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
+    """Return the derivatives of `fast_kappa` with respect to nu and to a/h, (2, ...)."""
+    kappa, nu, alpha = np.broadcast_arrays(fast_kappa(poisson_ratio, a_over_h), poisson_ratio, a_over_h)
+    place = _stretched(nu), np.log(alpha)
+    of_nu = _spline().ev(*place, dx=1) / (0.5 + OFFSET - nu)
+    return np.asarray(kappa * np.array([of_nu, _spline().ev(*place, dy=1) / alpha]))
+
+
 def make_table(path: Path = TABLE) -> None:
     """Compute the table of ln kappa and write it with its card; two seconds."""
     s, t = _axes()

@@ -36,11 +36,17 @@ MAX_ITERATIONS = 4000  # of the fixed point
 CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
-def upright(x: Floats, a_over_h: float) -> Floats:
-    """Return w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest."""
+def upright(x: Floats, a_over_h: float, *, rate: bool = False) -> Floats:
+    """Return w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest.
+
+    `rate`: its derivative with respect to x.
+    """
     ratio = np.full(x.shape, float(np.clip(a_over_h, RATIOS[0], RATIOS[-1])))
-    inside = np.maximum(_spline().ev(np.clip(x, -1, 2), ratio), 0.0)
-    return np.asarray(np.where(x >= 2, x, np.where(x <= -1, 0.0, inside)))
+    inside = _spline().ev(np.clip(x, -1, 2), ratio)
+    if rate:
+        slope = np.where(inside > 0, _spline().ev(np.clip(x, -1, 2), ratio, dx=1), 0.0)
+        return np.asarray(np.where(x >= 2, 1.0, np.where(x <= -1, 0.0, slope)))
+    return np.asarray(np.where(x >= 2, x, np.where(x <= -1, 0.0, np.maximum(inside, 0.0))))
 
 
 def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
