@@ -17,7 +17,7 @@ import numpy as np
 from calibration.model.dual import chained, moves, value_of
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
-from tactilevision.mechanics.kappa import fast_kappa, kappa_slopes
+from tactilevision.mechanics.kappa import kappa_at
 from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.tables.punch import force_ratio
@@ -255,7 +255,6 @@ def _kappa(poisson_ratio: float, ratios: bytes, *, slopes: bool = False) -> Floa
 
     Cached: derivatives with respect to other parameters ask for the same again.
     """
-    few, where = np.unique(np.frombuffer(ratios), return_inverse=True)
-    kappa = (kappa_slopes if slopes else fast_kappa)(poisson_ratio, few)[..., where]
+    kappa = kappa_at(poisson_ratio, np.frombuffer(ratios), slopes=slopes)
     kappa.setflags(write=False)
     return kappa

@@ -34,14 +34,14 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect,
     legendre_series,
 )
+from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import PPoly
 
 SHARP_MM = 1e-5  # a smaller rounding is ignored
 MIN_FLAT = 0.05  # least flat part of the radius
-STEP = 6e-6  # relative step of differences over a punch and its layer: cube root of the machine epsilon
 STEPS = 33  # of the contact's radius in the spline of its growth
 RATIOS = (0.05, 5)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
@@ -82,16 +82,15 @@ def rounded_slope(
 ) -> Floats:
     """Return the derivatives (2, N) of `rounded_contact` with respect to one argument, the depth being number 0.
 
-    Over the depth exact, over the others, which shape the growth, by central differences.
+    Over the depth exact, over the others, which shape the growth, by differences.
     """
     punch = np.array([outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking])
     if along == 0:
-        return _over_depth(depth_mm, *punch)
-    step = np.zeros(punch.size)
-    step[along - 1] = STEP * max(punch[along - 1], MIN_FLAT)
-    low, high = np.maximum(punch - step, 0), punch + step
-    change = np.array(rounded_contact(depth_mm, *high)) - np.array(rounded_contact(depth_mm, *low))
-    return np.asarray(change / (high - low)[along - 1])
+        return _over_depth(depth_mm, *punch.tolist())
+    more = punch.copy()
+    more[along - 1] += MICRO * max(punch[along - 1], MIN_FLAT) * (-1 if along > 3 else 1)  # nu and sticking end
+    change = np.subtract(rounded_contact(depth_mm, *more.tolist()), rounded_contact(depth_mm, *punch.tolist()))
+    return np.asarray(change / (more - punch)[along - 1])
 
 
 def _over_depth(depth_mm: Floats, outer_mm: float, edge_mm: float, *rest: float) -> Floats:
@@ -110,7 +109,7 @@ def _over_depth(depth_mm: Floats, outer_mm: float, edge_mm: float, *rest: float)
 class _Growth(NamedTuple):
     """Root of the growth and share of force `through` the cube root of the depth, until the whole edge is in."""
 
-    through: CubicSpline
+    through: PPoly
     flat_mm: float
     need_mm: float
     lost_mm: float
@@ -120,15 +119,30 @@ class _Growth(NamedTuple):
 def _growth(
     outer_mm: float, edge_mm: float, thickness_mm: float, poisson_ratio: float, sticking: float
 ) -> _Growth:
-    from scipy.interpolate import CubicSpline
-
     b = outer_mm - min(edge_mm, (1 - MIN_FLAT) * outer_mm)
     grid = np.linspace(0, 1, STEPS)  # root of how far the contact has grown: w goes with its cube
     r = b + (outer_mm - b) * grid**2
     need, lost = _half_space(r, b, edge_mm) * _of_layer(poisson_ratio, r / thickness_mm, b / r) ** (1 - sticking)
     share = np.append(1.0, 1 - lost[1:] / need[1:])
-    through = CubicSpline(np.cbrt(need), np.stack([grid, share], axis=1))
+    through = _spline(np.cbrt(need), np.stack([grid, share], axis=1))
     return _Growth(through, b, float(need[-1]), float(lost[-1]))
+
+
+def _spline(x: Floats, y: Floats) -> PPoly:
+    """Return the cubic spline through y (n, k) at x (n,), not-a-knot: `CubicSpline` in a fifth of its time."""
+    from scipy.interpolate import PPoly
+    from scipy.linalg.lapack import dgtsv
+
+    dx, (ends, inner) = np.diff(x), ((x[2] - x[0], x[-1] - x[-3]), slice(1, -1))
+    width, slope = dx[:, None], np.diff(y, axis=0) / dx[:, None]
+    diagonal, right = np.empty(x.size), np.empty_like(y)
+    diagonal[inner], diagonal[[0, -1]] = 2 * (dx[:-1] + dx[1:]), dx[[1, -2]]
+    right[inner] = 3 * (width[1:] * slope[:-1] + width[:-1] * slope[1:])
+    right[0] = ((dx[0] + 2 * ends[0]) * dx[1] * slope[0] + dx[0] ** 2 * slope[1]) / ends[0]
+    right[-1] = (dx[-1] ** 2 * slope[-2] + (2 * ends[1] + dx[-1]) * dx[-2] * slope[-1]) / ends[1]
+    *_, rate, _ = dgtsv(np.append(dx[1:], ends[1]), diagonal, np.append(ends[0], dx[:-1]), right)
+    bend = (rate[:-1] + rate[1:] - 2 * slope) / width
+    return PPoly.construct_fast(np.array([bend / width, (slope - rate[:-1]) / width - bend, rate[:-1], y[:-1]]), x)
 
 
 def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
@@ -146,11 +160,18 @@ def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
     """Return what a layer makes of both over a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,)
     each.
     """
-    nu, alpha = _variables(np.array([poisson_ratio]), ratio)
-    table = np.tensordot(chebyshev.chebvander(nu, SIZES[0] - 1)[0], _table(), axes=(0, 1))
-    over_ratio = chebyshev.chebvander(alpha, SIZES[1] - 1)
-    over_flat = chebyshev.chebvander(2 * flat - 1, SIZES[2] - 1)
-    return np.asarray(np.einsum("kij,ni,nj->kn", table, over_ratio, over_flat))
+    _, alpha = _variables(np.array([poisson_ratio]), ratio)
+    over_ratio, over_flat = (  # chebvander in a third of its time
+        np.cos(np.arccos(x)[:, None] * np.arange(size))
+        for x, size in ((alpha, SIZES[1]), (2 * flat - 1, SIZES[2]))
+    )
+    return np.asarray(np.sum((over_ratio @ _table_at(poisson_ratio)) * over_flat, axis=2))
+
+
+@lru_cache(maxsize=64)  # one nu serves all punches
+def _table_at(poisson_ratio: float) -> Floats:
+    nu, _ = _variables(np.array([poisson_ratio]), np.ones(1))
+    return np.asarray(np.tensordot(chebyshev.chebvander(nu, SIZES[0] - 1)[0], _table(), axes=(0, 1)))
 
 
 def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
