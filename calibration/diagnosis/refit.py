@@ -14,7 +14,6 @@ from calibration.fit.least_squares import (
     Fit,
     Minimum,
     Problem,
-    Residual,
     fit,
     minimise,
     prior_pulls,
@@ -73,9 +72,13 @@ class Candidate:
         return self.values[self.model.slices_of(self.values.size)[self.effect.key]]
 
 
-def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, most: int = STARTS) -> Candidate:
-    """Return the effect fitted to the measurement, or to `target_N` (N,), from its best starts."""
-    data = base.data if target_N is None else base.data.with_force(target_N)
+@lru_cache(maxsize=64)  # a diagnosis and its page ask several times
+def refit_with(base: Fit, effect: Effect) -> Candidate:
+    """Return the effect fitted to the measurement, from its best starts."""
+    return _refitted(base, effect, base.data, STARTS)
+
+
+def _refitted(base: Fit, effect: Effect, data: Observations, most: int) -> Candidate:
     model = base.model + effect
     problem = Problem(model, data, model.parameters(data), base.whitener)
     starts = _best_starts(base, problem, effect, most)
@@ -128,7 +131,7 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
 
     The prior of the other's own size is not used: it is a judgement, not a measurement.
     """
-    mimic = refit_with(base, other.freed(), target_N=one.force_N, most=2)
+    mimic = _refitted(base, other.freed(), base.data.with_force(one.force_N), STARTS)
     pulls = prior_pulls(one.values, one.model.parameters(base.data))
     return float(np.sqrt(max(mimic.chi2 - float(pulls @ pulls), 0.0)))
 
@@ -215,13 +218,17 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
     """
     size = problem.data.size
 
-    def kept(of: Residual, free_values: Floats) -> Floats:
-        rows = of(free_values)
+    def residual(free_values: Floats) -> Floats:
+        rows = problem.residual(free_values)
         rows[:size][out] = 0.0
         return rows
 
-    residual, derivatives = (partial(kept, of) for of in (problem.residual, problem.derivatives))
-    solve = partial(minimise, residual, start[problem.free][None], box=problem.box, derivatives=derivatives)
+    def linear(free_values: Floats) -> tuple[Floats, Floats]:
+        rows, slopes = problem.linear(free_values)
+        rows[:size][out], slopes[:size][out] = 0.0, 0.0
+        return rows, slopes
+
+    solve = partial(minimise, residual, start[problem.free][None], box=problem.box, linear=linear)
     try:
         return solve(tolerance=QUICK)
     except ConvergenceError:

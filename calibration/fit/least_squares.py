@@ -26,6 +26,7 @@ from tactilevision.records.constants import MICRO, NONZERO, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
+Linearised = Callable[[Floats], tuple[Floats, Floats]]
 ROOT = 6e-6  # cube root of the machine epsilon: step of central differences
 FINE = 1e-10  # tolerance of a minimum
 QUICK = 1e-7  # tolerance from which one-sided derivatives suffice
@@ -76,11 +77,11 @@ def minimise(
     box: Box,
     tolerance: float = FINE,
     settled: bool = True,
-    derivatives: Residual | None = None,
+    linear: Linearised | None = None,
 ) -> Minimum:
     """Return the best of the minima reached from `starts` (s, p), which are moved inside the box.
 
-    `derivatives` returns the Jacobian (n, p) at values (p,); without it differences are taken.
+    `linear` returns the residual (n,) and its Jacobian (n, p) at values (p,); without it differences are taken.
     Several starts are ranked at a tolerance of QUICK, which halves the work, and the best is refined to
     `tolerance`. Without `settled` the last place of a descent that has not converged (at a kink) is accepted.
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
@@ -89,9 +90,12 @@ def minimise(
     if len(places) > 1:
         quick = max(tolerance, QUICK)
 
+    known = None if linear is None else _Latest(linear)
+
     def descend(start: Floats, least: float) -> Minimum | None:
-        slopes = derivatives or partial(differentiate, residual, box=box, quick=least >= QUICK)
-        return _descend(residual, slopes, _inside(start, box), box=box, tolerance=least, settled=settled)
+        of = (residual, partial(differentiate, residual, box=box, quick=least >= QUICK))
+        of = of if known is None else (known.residual, known.jacobian)
+        return _descend(*of, _inside(start, box), box=box, tolerance=least, settled=settled)
 
     tried = [descend(start, quick) for start in places]
     best = min((one for one in tried if one is not None), key=lambda one: one.chi2, default=None)
@@ -100,6 +104,24 @@ def minimise(
     if best is None:
         raise ConvergenceError(f"least squares found no minimum from {len(places)} starts")
     return best
+
+
+class _Latest:
+    """Residual and Jacobian at the last place, since a search asks for one after the other."""
+
+    def __init__(self, linear: Linearised) -> None:
+        self._linear, self._place = linear, b""
+
+    def residual(self, values: Floats) -> Floats:
+        """Return the residual (n,)."""
+        if self._place != (place := values.tobytes()):
+            self._found, self._place = self._linear(values), place
+        return self._found[0]
+
+    def jacobian(self, values: Floats) -> Floats:
+        """Return the Jacobian (n, p)."""
+        self.residual(values)
+        return self._found[1]
 
 
 def differentiate(residual: Residual, values: Floats, *, box: Box, quick: bool = False) -> Floats:
@@ -313,9 +335,10 @@ def fit(
     start = points[0]
     about, stated = linearise(whole, start, data=data)
     current = noise or first_noise(data, about, stated=stated)
-    for turn in range(MAX_ITERATIONS if noise is None else 2):
+    turns = MAX_ITERATIONS if noise is None else 2
+    for turn in range(turns):
         problem = Problem(whole, data, parameters, Whitener(data, current, about))
-        found = problem.solve(points)
+        found = problem.solve(points, tolerance=FINE if turn == turns - 1 else QUICK)
         values = problem.full(found.values)
         about, stated = linearise(whole, values, data=data)
         points = values[None]
@@ -375,19 +398,20 @@ class Problem(Parametrised):
 
     def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:
         """Return the best minimum from `starts` (s, p) of all parameters."""
-        return minimise(
-            self.residual, starts[:, self.free], box=self.box, tolerance=tolerance, derivatives=self.derivatives
-        )
+        return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance, linear=self.linear)
 
-    def derivatives(self, free_values: Floats) -> Floats:
-        """Return the Jacobian (N + k, q) of `residual`, with k priors and q free parameters."""
-        free, weight = self.free, self.prior_weight
-        white = self.whitener.apply(self.jacobian(self.full(free_values))[:, free])
-        return np.vstack([white, np.diag(weight)[(weight > 0) & free][:, free]])
+    def linear(self, free_values: Floats) -> tuple[Floats, Floats]:
+        """Return `residual` and its Jacobian (N + k, q), with k priors and q free parameters."""
+        values, free, weight = self.full(free_values), self.free, self.prior_weight
+        force, slopes = self.model.linear(values, self.data, free=free)
+        off = force - self.data.normal_N - self.carried_N
+        white = self.whitener.apply(np.column_stack([off, slopes[:, free]]))
+        residual = np.concatenate([white[:, 0], prior_pulls(values, self.parameters)])
+        return residual, np.vstack([white[:, 1:], np.diag(weight)[(weight > 0) & free][:, free]])
 
     def jacobian(self, values: Floats) -> Floats:
         """Return d force/d parameter (N, p) without whitening; 0 for fixed parameters."""
-        return self.model.derivatives(values, self.data, free=self.free)
+        return self.model.linear(values, self.data, free=self.free)[1]
 
 
 def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> Noise:

@@ -255,6 +255,9 @@ def _kappa(poisson_ratio: float, ratios: bytes, *, slopes: bool = False) -> Floa
 
     Cached: derivatives with respect to other parameters ask for the same again.
     """
-    kappa = kappa_at(poisson_ratio, np.frombuffer(ratios), slopes=slopes)
+    every = np.frombuffer(ratios)
+    runs = np.flatnonzero(np.append(True, every[1:] != every[:-1]))  # samples of a press follow one another
+    kappa = kappa_at(poisson_ratio, every[runs], slopes=slopes)
+    kappa = np.repeat(kappa, np.diff(np.append(runs, every.size)), axis=-1)
     kappa.setflags(write=False)
     return kappa

@@ -79,14 +79,14 @@ class Model:
         places = self.slices_of(values.size)
         return float(values[0] * np.prod([e.of_modulus(values[places[e.key]]) for e in self.effects]))
 
-    def derivatives(self, values: Floats, data: Observations, *, free: Bools | None = None) -> Floats:
-        """Return d force/d parameter (N, p), by the chain rule; 0 for those that are not `free`."""
+    def linear(self, values: Floats, data: Observations, *, free: Bools | None = None) -> tuple[Floats, Floats]:
+        """Return the force (N,) and d force/d parameter (N, p), by the chain rule; 0 for those not `free`."""
         free = np.ones(values.size, dtype=bool) if free is None else free
         table = np.zeros((data.size, values.size))
-        force = self.state(cast(Any, Dual(values, np.eye(values.size)[free])), data).force_N
-        if isinstance(force, Dual):
+        force: Any = self.state(cast(Any, Dual(values, np.eye(values.size)[free])), data).force_N
+        if moves(force):
             table[:, free] = force.whole.T
-        return table
+        return value_of(force), table
 
     def state(self, values: Floats, data: Observations) -> State:
         """Return the state after the last stage."""
@@ -119,10 +119,11 @@ class Model:
 
 
 class Composable:
-    """Base of laws: `+` with an effect makes a model. `analytic` as of effects."""
+    """Base of laws: `+` with an effect makes a model. `analytic` and `reads_force` as of effects."""
 
     __slots__ = ()
     analytic: ClassVar[bool] = True
+    reads_force: ClassVar[bool] = False
 
     def __add__(self: Any, effect: Effect) -> Model:
         return Model(self) + effect
@@ -141,11 +142,13 @@ def _moved(part: Law | Effect, state: State, own: Any, data: Observations) -> St
 
     So, too, after one that returns the state unchanged at the end of its range.
     """
+    if moves(data.force_N) and not part.reads_force:
+        data = replace(data, force_N=value_of(data.force_N))
     if part.analytic:
         after = part.apply(state, own, data)
         if after is not state or not any(moves(one) for one in own):
             return after
-    return _differenced(part, state, own, replace(data, force_N=value_of(data.force_N)))
+    return _differenced(part, state, own, data)
 
 
 def _differenced(part: Law | Effect, state: State, own: Any, data: Observations) -> State:

@@ -69,10 +69,16 @@ class Product:
 
     def weighted(self, weight: Floats, scale: Floats) -> Floats:
         """Return the same at `weights` (n, M, 2, 2) and `scales` (n,) of the sizes."""
-        (first, cross), last = weight[..., 0, :].transpose(2, 0, 1), weight[..., 1, 1]
-        lost = np.hstack([first, cross, last]) @ self._shared
+        if len(weight) > 3 * len(self.common):  # then a table of all products pays
+            parts = weight[..., [0, 0, 1], [0, 1, 1]].swapaxes(1, 2)
+            lost = (parts.reshape(len(weight), -1) @ self._shared).reshape(-1, *self.rest.shape)
+        elif self.rest.ndim == 1:
+            lost = np.sum(self.left * (weight @ self.right), axis=(1, 2))
+        else:
+            right = (weight @ self.right).reshape(len(weight), -1, self.right.shape[2])
+            lost = self.left.reshape(-1, self.left.shape[2]).T @ right
         scale = scale.reshape(-1, *[1] * self.rest.ndim)
-        return np.asarray((self.rest - lost.reshape(-1, *self.rest.shape)) / scale**2)
+        return np.asarray((self.rest - lost) / scale**2)
 
     @cached_property
     def _shared(self) -> Floats:
