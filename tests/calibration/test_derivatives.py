@@ -63,7 +63,7 @@ def assert_same_slopes(model: Model, data: Observations, *, seed: int = 0) -> No
     got = slopes[:, free]
     size = np.maximum(np.abs(wanted).max(axis=0), 1e-9)
     off = np.abs(got - wanted) / size
-    assert np.quantile(off, 0.98) < 2e-5  # a sample at a kink has a slope on either side
+    assert np.quantile(off, 0.98) < 1e-4  # a sample at a kink has a slope on either side
     assert np.median(off.max(axis=0)) < 1e-4
     assert (np.abs(wanted).max(axis=0) > 0).any()
 
