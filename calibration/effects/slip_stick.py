@@ -72,7 +72,7 @@ class SlipStick(EffectBase):
 
 def _teeth(turns: Floats) -> Floats:
     """Return the part of the turns (N,) after the point, smooth enough for a fit."""
-    waves = sum(np.sin(2 * np.pi * n * turns) / n for n in range(1, HARMONICS + 1))
+    waves = sum((np.sin(2 * np.pi * n * turns) / n for n in range(1, HARMONICS + 1)), np.zeros(1))
     teeth: Floats = 0.5 - waves / np.pi
     return teeth
 

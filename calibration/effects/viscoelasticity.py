@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -114,7 +114,7 @@ def relaxed(force_N: Any, tau_s: Any, *, data: Observations) -> Floats:
     slopes = force_N.whole - held[:, 1:].T if moves(force_N) else 0.0
     if moves(tau_s):
         slopes = slopes - _of_tau(force, held[:, 0], data, tau) * tau_s.slopes
-    return Dual(lost, slopes)
+    return cast(Any, Dual(lost, slopes))
 
 
 def _recursion(decay: Floats, innovation: Floats) -> Floats:

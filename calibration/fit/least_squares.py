@@ -93,8 +93,8 @@ def minimise(
     known = None if linear is None else _Latest(linear)
 
     def descend(start: Floats, least: float) -> Minimum | None:
-        of = (residual, partial(differentiate, residual, box=box, quick=least >= QUICK))
-        of = of if known is None else (known.residual, known.jacobian)
+        slopes: Residual = partial(differentiate, residual, box=box, quick=least >= QUICK)
+        of = (residual, slopes) if known is None else (known.residual, known.jacobian)
         return _descend(*of, _inside(start, box), box=box, tolerance=least, settled=settled)
 
     tried = [descend(start, quick) for start in places]

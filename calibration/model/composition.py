@@ -101,7 +101,7 @@ class Model:
         places = self.slices_of(values.size)
         state = rest_state(data)
         before = sum(e.stage < Stage.MATERIAL for e in self.effects)
-        parts = [*self.effects[:before], self.law, *self.effects[before:]]
+        parts: list[Law | Effect] = [*self.effects[:before], self.law, *self.effects[before:]]
         for part in parts:
             own = values[places["law" if part is self.law else part.key]]
             state = _moved(part, state, own, data) if moves(values) else part.apply(state, own, data)
@@ -137,7 +137,7 @@ def _places(effects: tuple[Effect, ...], size: int) -> dict[str, slice]:
     return {"law": slice(0, ends[0])} | {effect.key: slice(start, end) for effect, start, end in pairs}
 
 
-def _moved(part: Law | Effect, state: State, own: Any, data: Observations) -> State:
+def _moved(part: Any, state: State, own: Any, data: Observations) -> State:
     """Return the state of Duals after a law or an effect, by differences where its own form takes no Duals.
 
     So, too, after one that returns the state unchanged at the end of its range.
@@ -151,7 +151,7 @@ def _moved(part: Law | Effect, state: State, own: Any, data: Observations) -> St
     return _differenced(part, state, own, data)
 
 
-def _differenced(part: Law | Effect, state: State, own: Any, data: Observations) -> State:
+def _differenced(part: Any, state: State, own: Any, data: Observations) -> State:
     names = [field.name for field in fields(State)]
     plain = {name: value_of(getattr(state, name)) for name in names}
     table = part.parameters if isinstance(part, EffectBase) else part.parameters(data)
@@ -180,7 +180,9 @@ def _differenced(part: Law | Effect, state: State, own: Any, data: Observations)
         for name in names:
             slopes[name][k] = (getattr(sides[1], name) - getattr(sides[0], name)) / (steps[1] - steps[0])
     whole = {name: (getattr(after, name), slopes[name]) for name in names}
-    return State(**{name: Dual(one, slope) if slope.any() else one for name, (one, slope) in whole.items()})
+    return cast(Any, State)(
+        **{name: Dual(one, slope) if slope.any() else one for name, (one, slope) in whole.items()}
+    )
 
 
 def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:

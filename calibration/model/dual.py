@@ -133,7 +133,7 @@ def moves(*given: Any) -> bool:
     return any(isinstance(one, Dual) for one in given)
 
 
-def chained(value: Any, parts: Iterable[tuple[Any, Any]]) -> Dual:
+def chained(value: Any, parts: Iterable[tuple[Any, Any]]) -> Any:
     """Return a function's value with slopes sum_i df/dx_i dx_i, for pairs of df/dx_i and x_i, a Dual or plain."""
     total: Any = 0.0
     for partial, one in parts:

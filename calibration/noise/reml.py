@@ -132,7 +132,7 @@ class Weighing:
     @cached_property
     def _bases(self) -> list[tuple[Floats, Floats]]:
         """Orthonormal bases (m, t, 2) of gain and zero of each press, and their roots (m, 2, 2)."""
-        return [tuple(np.linalg.qr(table)) for table in self._shared]
+        return [(basis, root) for basis, root in map(np.linalg.qr, self._shared)]
 
     def log_volume(self, noise: Noise) -> float:
         """Return ln det V, without the constant of the samples' noise at scale 1."""

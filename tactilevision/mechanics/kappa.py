@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -74,7 +74,7 @@ def _at_nu(poisson_ratio: float) -> tuple[BSpline, BSpline]:
     """Return ln kappa, and its derivative with respect to nu, as splines over ln(a/h)."""
     from scipy.interpolate import BSpline
 
-    along, across, table = _spline().tck
+    along, across, table = cast(Any, _spline()).tck
     whole = BSpline(along, table.reshape(along.size - DEGREE - 1, -1), DEGREE)
     place, per_nu = _stretched(np.array(poisson_ratio)), 1 / (0.5 + OFFSET - poisson_ratio)
     return BSpline(across, whole(place), DEGREE), BSpline(across, whole(place, 1) * per_nu, DEGREE)

@@ -7,12 +7,16 @@ deepest equilibrium force and depth are NaN, and `ended` gives the reason.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.files.arrays import unpack_arrays
+from tactilevision.files.cache import kept
+from tactilevision.files.writing import pack_arrays
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.tables.cases import DEPTHS, Case
 from tactilevision.mechanics.tables.punch import punch_force, punch_reach
@@ -69,11 +73,12 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
             value=deepest_mm,
             remedy=f"The gel is {contact.thickness_mm:g} mm thick.",
         )
-    kept = tabulated_curve(contact, material, deepest_mm)
-    if kept is not None and not kept.ended:
-        return kept
+    table = tabulated_curve(contact, material, deepest_mm)
+    if table is not None and not table.ended:
+        return table
     solved = _solved(contact, material, deepest_mm)
-    return solved if kept is None or solved.depth_mm[-1] > kept.depth_mm[-1] else replace(kept, ended=solved.ended)
+    deeper = table is None or solved.depth_mm[-1] > table.depth_mm[-1]
+    return solved if table is None or deeper else replace(table, ended=solved.ended)
 
 
 def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:
@@ -109,8 +114,18 @@ def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> Punc
         a_over_h=contact.a_over_h,
     )
     deepest = deepest_mm / h
-    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - ROUNDING)), deepest))
-    if not found.depth.size:
-        raise ConvergenceError(f"punch_curve: no equilibrium was found at first touch ({found.ended})")
-    force = found.force * found.depth * material.youngs_modulus_MPa * h**2
-    return PunchCurve(found.depth * h, force, "solved", found.ended)
+    depths = (*(d for d in DEPTHS if d < deepest * (1 - ROUNDING)), deepest)
+    files = kept("punch", (case, depths), make=lambda: _files(case, depths))
+    (depth, per_depth), ended = (
+        unpack_arrays(files["curve.npz"], where=Path("punch"))["curve"],
+        files["ended"].decode(),
+    )
+    if not depth.size:
+        raise ConvergenceError(f"punch_curve: no equilibrium was found at first touch ({ended})")
+    return PunchCurve(depth * h, per_depth * depth * material.youngs_modulus_MPa * h**2, "solved", ended)
+
+
+def _files(case: Case, depths: tuple[float, ...]) -> dict[str, bytes]:
+    found = solve_case(case, depths)
+    curve = pack_arrays({"curve": np.array([found.depth, found.force])}, small=False)
+    return {"curve.npz": curve, "ended": found.ended.encode()}

@@ -120,7 +120,8 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     surface = np.array([_surface(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
     folded = [state.folded for state in states]
     sound = folded.index(True) if True in folded else len(states)
-    return Press(force, surface, sound, ended, bool(states) and _lost(model, states[-1]))
+    doubtful = bool(states) and (bool(ended) or sound < len(states))  # elsewhere nobody asks
+    return Press(force, surface, sound, ended, doubtful and _lost(model, states[-1]))
 
 
 def _lost(model: Model, state: State) -> bool:
