@@ -99,7 +99,7 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
     at_end = abs(values[at] - first.default) >= (1 - END) * max(abs(b - first.default) for b in first.bounds)
     if not (at_end or effect.threshold):
         return values
-    most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + (FLAT if at_end else SAME)
+    most = float(np.sum(problem.linear(values[problem.free])[0] ** 2)) + (FLAT if at_end else SAME)
     for _ in range(HALVINGS):
         less = float(now[at] + first.default) / 2
         table = list(problem.parameters)
@@ -194,7 +194,7 @@ def hold_out(
         found = fit_without(problem, start, out)
         seen = data if read else data.with_force(np.where(out, NOT_READ, data.normal_N))
         force = model.predict(problem.full(found.values), seen)
-        strained = float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))
+        strained = float(np.mean(out) * np.sum(found.residual[data.size :] ** 2))
         of_force.append(float(np.sum((data.normal_N - force)[out] ** 2)))
         white.append(float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2)) + strained)
     return HeldOut(np.array(of_force), np.array(white), data.size)
@@ -218,17 +218,12 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
     """
     size = problem.data.size
 
-    def residual(free_values: Floats) -> Floats:
-        rows = problem.residual(free_values)
-        rows[:size][out] = 0.0
-        return rows
-
     def linear(free_values: Floats) -> tuple[Floats, Floats]:
         rows, slopes = problem.linear(free_values)
         rows[:size][out], slopes[:size][out] = 0.0, 0.0
         return rows, slopes
 
-    solve = partial(minimise, residual, start[problem.free][None], box=problem.box, linear=linear)
+    solve = partial(minimise, linear, start[problem.free][None], box=problem.box)
     try:
         return solve(tolerance=QUICK)
     except ConvergenceError:

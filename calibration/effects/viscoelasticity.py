@@ -87,7 +87,8 @@ class Viscoelasticity(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the relaxed part subtracted, down to 0, from a force in contact."""
         lost = sum(
-            (g * relaxed(state.force_N, tau, data=data) for g, tau in values.reshape(-1, 2)), np.zeros(data.size)
+            (g * relaxed(state.force_N, tau, data=data) for g, tau in zip(values[::2], values[1::2], strict=True)),
+            np.zeros(data.size),
         )
         elastic = state.force_N
         return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))
@@ -102,36 +103,23 @@ def relaxed(force_N: Any, tau_s: Any, *, data: Observations) -> Floats:
     and each press starts at 0. Between a sample in air and one in contact it is linear from the touch on. Source:
     Taylor, Pister, Goudreau, Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
     """
+    from scipy.linalg.lapack import dtbtrs
+
     force, tau = value_of(force_N), float(value_of(tau_s))
     decay, gain = _step(data, tau)
     columns = np.column_stack([force, force_N.whole.T]) if moves(force_N) else force[:, None]
     innovation = np.diff(columns, axis=0, prepend=0.0) * gain[:, None]
     innovation[data.first] = columns[data.first]
-    held = _recursion(decay, innovation)
+    held, _ = dtbtrs(np.array([np.ones(data.size), np.append(-decay[1:], 0)]), innovation, uplo="L", diag="U")
     lost: Floats = force - held[:, 0]
     if not moves(force_N, tau_s):
         return lost
     slopes = force_N.whole - held[:, 1:].T if moves(force_N) else 0.0
-    if moves(tau_s):
-        slopes = slopes - _of_tau(force, held[:, 0], data, tau) * tau_s.slopes
+    if moves(tau_s):  # two more recursions cost less than the derivative's own
+        step = ROOT * tau
+        ends = [relaxed(force, tau + side * step, data=data) for side in (-1, 1)]
+        slopes = slopes + (ends[1] - ends[0]) / (2 * step) * tau_s.slopes
     return cast(Any, Dual(lost, slopes))
-
-
-def _recursion(decay: Floats, innovation: Floats) -> Floats:
-    """Return h_i = decay_i h_(i-1) + innovation_i, for columns (N, k)."""
-    from scipy.linalg.lapack import dtbtrs
-
-    held, _ = dtbtrs(np.array([np.ones(decay.size), np.append(-decay[1:], 0)]), innovation, uplo="L", diag="U")
-    return np.asarray(held)
-
-
-def _of_tau(force_N: Floats, held_N: Floats, data: Observations, tau_s: float) -> Floats:
-    """Return the derivative (N,) of what is held, by the recursion's own."""
-    step = ROOT * tau_s
-    (decay, _), (after, gain), (before, other) = (_step(data, tau_s + side * step) for side in (0, 1, -1))
-    change = np.diff(force_N, prepend=0.0) * (gain - other) + np.roll(held_N, 1) * (after - before)
-    change[data.first] = 0
-    return _recursion(decay, change[:, None] / (2 * step))[:, 0]
 
 
 @lru_cache(maxsize=KEPT)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -71,17 +71,11 @@ def box_of(parameters: Sequence[Parameter]) -> Box:
 
 
 def minimise(
-    residual: Residual,
-    starts: Floats,
-    *,
-    box: Box,
-    tolerance: float = FINE,
-    settled: bool = True,
-    linear: Linearised | None = None,
+    linear: Linearised, starts: Floats, *, box: Box, tolerance: float = FINE, settled: bool = True
 ) -> Minimum:
     """Return the best of the minima reached from `starts` (s, p), which are moved inside the box.
 
-    `linear` returns the residual (n,) and its Jacobian (n, p) at values (p,); without it differences are taken.
+    `linear` returns the residual (n,) and its Jacobian (n, p) at values (p,).
     Several starts are ranked at a tolerance of QUICK, which halves the work, and the best is refined to
     `tolerance`. Without `settled` the last place of a descent that has not converged (at a kink) is accepted.
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
@@ -90,11 +84,10 @@ def minimise(
     if len(places) > 1:
         quick = max(tolerance, QUICK)
 
-    known = None if linear is None else _Latest(linear)
+    at = lru_cache(maxsize=1)(lambda place: linear(np.frombuffer(place)))  # a search asks for one, then the other
 
     def descend(start: Floats, least: float) -> Minimum | None:
-        slopes: Residual = partial(differentiate, residual, box=box, quick=least >= QUICK)
-        of = (residual, slopes) if known is None else (known.residual, known.jacobian)
+        of: tuple[Residual, Residual] = (lambda x: at(x.tobytes())[0], lambda x: at(x.tobytes())[1])
         return _descend(*of, _inside(start, box), box=box, tolerance=least, settled=settled)
 
     tried = [descend(start, quick) for start in places]
@@ -106,38 +99,18 @@ def minimise(
     return best
 
 
-class _Latest:
-    """Residual and Jacobian at the last place, since a search asks for one after the other."""
-
-    def __init__(self, linear: Linearised) -> None:
-        self._linear, self._place = linear, b""
-
-    def residual(self, values: Floats) -> Floats:
-        """Return the residual (n,)."""
-        if self._place != (place := values.tobytes()):
-            self._found, self._place = self._linear(values), place
-        return self._found[0]
-
-    def jacobian(self, values: Floats) -> Floats:
-        """Return the Jacobian (n, p)."""
-        self.residual(values)
-        return self._found[1]
+def by_differences(residual: Residual, box: Box) -> Linearised:
+    """Return the function of `minimise` whose Jacobian is that of differences."""
+    return lambda values: (residual(values), differentiate(residual, values, box=box))
 
 
-def differentiate(residual: Residual, values: Floats, *, box: Box, quick: bool = False) -> Floats:
-    """Return the Jacobian (n, p) of the residual per parameter, by differences, one-sided near a bound.
-
-    `quick`: by forward differences, backward at the upper bound.
-    """
-    step = (MICRO if quick else ROOT) * np.maximum(np.abs(values), box.scale)
-    here, columns = residual(values) if quick else None, []
-    for k, size in enumerate(step):
+def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
+    """Return the Jacobian (n, p) of the residual per parameter, by central differences, one-sided at a bound."""
+    columns = []
+    for k, size in enumerate(ROOT * np.maximum(np.abs(values), box.scale)):
         high, low = values.copy(), values.copy()
-        if quick:
-            high[k] += size if values[k] + size <= box.high[k] else -size
-        else:
-            high[k], low[k] = min(values[k] + size, box.high[k]), max(values[k] - size, box.low[k])
-        columns.append((residual(high) - (residual(low) if here is None else here)) / (high[k] - low[k]))
+        high[k], low[k] = min(values[k] + size, box.high[k]), max(values[k] - size, box.low[k])
+        columns.append((residual(high) - residual(low)) / (high[k] - low[k]))
     return np.column_stack(columns)
 
 
@@ -390,18 +363,15 @@ class Problem(Parametrised):
         return values
 
     def residual(self, free_values: Floats) -> Floats:
-        """Return the whitened model less measurement, then one row a prior."""
-        values = self.full(free_values)
-        force = self.model.predict(values, self.data)
-        off = force - self.data.normal_N - self.carried_N
-        return np.concatenate([self.whitener.apply(off), prior_pulls(values, self.parameters)])
+        """Return the first of `linear`."""
+        return self.linear(free_values)[0]
 
     def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:
         """Return the best minimum from `starts` (s, p) of all parameters."""
         return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance, linear=self.linear)
 
     def linear(self, free_values: Floats) -> tuple[Floats, Floats]:
-        """Return `residual` and its Jacobian (N + k, q), with k priors and q free parameters."""
+        """Return the whitened model less measurement with a row for each of k priors, and its slopes (N + k, q)."""
         values, free, weight = self.full(free_values), self.free, self.prior_weight
         force, slopes = self.model.linear(values, self.data, free=free)
         off = force - self.data.normal_N - self.carried_N

@@ -83,7 +83,7 @@ class FlatPunch(Composable):
         strain = depth / state.thickness_mm
         bracket = 1 + values[2:][number] * strain
         if self.bent:
-            gamma = values[2 + values[2:].size // 2 :][number]
+            gamma = values[2 + (len(values) - 2) // 2 :][number]
             bracket = bracket + gamma * strain * (strain - CHORD)
         return replace(state, stiffness_N_per_mm=sharp, force_N=rounded * depth * bracket)
 

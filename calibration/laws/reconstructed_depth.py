@@ -157,7 +157,7 @@ class ReconstructedDepth(Composable):
         """Return the state with the reconstructed depth as its force."""
         stated = _stated(data)
         changes = np.array([change for *_, change in _slope_errors(data)]).reshape(-1, data.size)
-        own = values[values.size - len(changes) :]
+        own = values[len(values) - len(changes) :]
         share = sum((value * change for value, change in zip(own, changes, strict=True)), np.zeros(data.size))
         depth = state.depth_mm
         if data.slopes is not None:

@@ -98,7 +98,7 @@ class Model:
 
     def _pass(self, values: Floats, data: Observations) -> State:
         """Return the state after all stages, with the force in `data` for effects that read it."""
-        places = self.slices_of(values.size)
+        places = self.slices_of(len(values))
         state = rest_state(data)
         before = sum(e.stage < Stage.MATERIAL for e in self.effects)
         parts: list[Law | Effect] = [*self.effects[:before], self.law, *self.effects[before:]]

@@ -64,15 +64,6 @@ class Dual(NDArrayOperatorsMixin):
         """All slopes (k, *S)."""
         return np.broadcast_to(self.slopes, (len(self.slopes), *np.shape(self.value)))
 
-    @property
-    def size(self) -> int:
-        """Number of values."""
-        return int(self.value.size)
-
-    def reshape(self, *shape: int) -> Dual:
-        """Return the same values in another shape."""
-        return Dual(self.value.reshape(*shape), self.slopes.reshape(len(self.slopes), *shape))
-
     def __array_ufunc__(self, ufunc: Any, method: str, *given: Any, **options: Any) -> Any:
         values = [value_of(one) for one in given]
         if method != "__call__" or options:

@@ -38,7 +38,7 @@ from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+    from scipy.interpolate import CubicSpline
 
 SHARP_MM = 1e-5  # a smaller rounding is ignored
 MIN_FLAT = 0.05  # least flat part of the radius
@@ -82,34 +82,22 @@ def rounded_slope(
 ) -> Floats:
     """Return the derivatives (2, N) of `rounded_contact` with respect to one argument, the depth being number 0.
 
-    Over the depth exact, over the others, which shape the growth, by differences.
+    By differences, over arguments that shape the growth one-sided.
     """
     punch = np.array([outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking])
     if along == 0:
-        return _over_depth(depth_mm, *punch.tolist())
+        ends = [np.array(rounded_contact(depth_mm + side * MICRO, *punch.tolist())) for side in (-1, 1)]
+        return np.asarray((ends[1] - ends[0]) / (2 * MICRO))
     more = punch.copy()
     more[along - 1] += MICRO * max(punch[along - 1], MIN_FLAT) * (-1 if along > 3 else 1)  # nu and sticking end
     change = np.subtract(rounded_contact(depth_mm, *more.tolist()), rounded_contact(depth_mm, *punch.tolist()))
     return np.asarray(change / (more - punch)[along - 1])
 
 
-def _over_depth(depth_mm: Floats, outer_mm: float, edge_mm: float, *rest: float) -> Floats:
-    if edge_mm < SHARP_MM:
-        return np.zeros((2, *depth_mm.shape))
-    growth = _growth(outer_mm, edge_mm, *rest)
-    inside = np.clip(depth_mm, SHARP_MM**2, growth.need_mm)
-    root, (of_root, of_met) = growth.through(np.cbrt(inside))[:, 0], growth.through(np.cbrt(inside), 1).T
-    per_depth = (depth_mm > 0) / (3 * np.cbrt(inside) ** 2)
-    radius = 2 * (outer_mm - growth.flat_mm) * root * of_root * per_depth
-    whole = depth_mm >= growth.need_mm
-    full = growth.lost_mm / np.maximum(depth_mm, growth.need_mm) ** 2
-    return np.where(whole, [np.zeros_like(full), full], [radius, of_met * per_depth])
-
-
 class _Growth(NamedTuple):
     """Root of the growth and share of force `through` the cube root of the depth, until the whole edge is in."""
 
-    through: PPoly
+    through: CubicSpline
     flat_mm: float
     need_mm: float
     lost_mm: float
@@ -119,30 +107,15 @@ class _Growth(NamedTuple):
 def _growth(
     outer_mm: float, edge_mm: float, thickness_mm: float, poisson_ratio: float, sticking: float
 ) -> _Growth:
+    from scipy.interpolate import CubicSpline
+
     b = outer_mm - min(edge_mm, (1 - MIN_FLAT) * outer_mm)
     grid = np.linspace(0, 1, STEPS)  # root of how far the contact has grown: w goes with its cube
     r = b + (outer_mm - b) * grid**2
     need, lost = _half_space(r, b, edge_mm) * _of_layer(poisson_ratio, r / thickness_mm, b / r) ** (1 - sticking)
     share = np.append(1.0, 1 - lost[1:] / need[1:])
-    through = _spline(np.cbrt(need), np.stack([grid, share], axis=1))
+    through = CubicSpline(np.cbrt(need), np.stack([grid, share], axis=1))
     return _Growth(through, b, float(need[-1]), float(lost[-1]))
-
-
-def _spline(x: Floats, y: Floats) -> PPoly:
-    """Return the cubic spline through y (n, k) at x (n,), not-a-knot: `CubicSpline` in a fifth of its time."""
-    from scipy.interpolate import PPoly
-    from scipy.linalg.lapack import dgtsv
-
-    dx, (ends, inner) = np.diff(x), ((x[2] - x[0], x[-1] - x[-3]), slice(1, -1))
-    width, slope = dx[:, None], np.diff(y, axis=0) / dx[:, None]
-    diagonal, right = np.empty(x.size), np.empty_like(y)
-    diagonal[inner], diagonal[[0, -1]] = 2 * (dx[:-1] + dx[1:]), dx[[1, -2]]
-    right[inner] = 3 * (width[1:] * slope[:-1] + width[:-1] * slope[1:])
-    right[0] = ((dx[0] + 2 * ends[0]) * dx[1] * slope[0] + dx[0] ** 2 * slope[1]) / ends[0]
-    right[-1] = (dx[-1] ** 2 * slope[-2] + (2 * ends[1] + dx[-1]) * dx[-2] * slope[-1]) / ends[1]
-    *_, rate, _ = dgtsv(np.append(dx[1:], ends[1]), diagonal, np.append(ends[0], dx[:-1]), right)
-    bend = (rate[:-1] + rate[1:] - 2 * slope) / width
-    return PPoly.construct_fast(np.array([bend / width, (slope - rate[:-1]) / width - bend, rate[:-1], y[:-1]]), x)
 
 
 def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:

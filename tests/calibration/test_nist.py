@@ -16,7 +16,7 @@ import pytest
 from each import each
 
 from calibration.fit import least_squares as minimum_page
-from calibration.fit.least_squares import Box, Minimum, minimise
+from calibration.fit.least_squares import Box, Minimum, by_differences, minimise
 from tactilevision.errors import ConvergenceError
 from tactilevision.records.measured import Floats
 
@@ -57,7 +57,7 @@ def solve(name: str, start: Floats) -> Minimum:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(np.nan_to_num(curve(x, b) - y, nan=1e3, posinf=1e3, neginf=-1e3))
 
-    return minimise(residual, start[None], box=box, tolerance=1e-15)
+    return minimise(by_differences(residual, box), start[None], box=box, tolerance=1e-15)
 
 
 @each("which", ["start1", "start2"])
@@ -76,8 +76,8 @@ def test_a_descent_that_comes_to_no_end_says_so_or_gives_where_it_is(monkeypatch
         return np.array([10 * (at[1] - at[0] ** 2), 1 - at[0]])
 
     with pytest.raises(ConvergenceError, match="from 1 starts"):
-        minimise(residual, begin[None], box=box)
-    found = minimise(residual, begin[None], box=box, settled=False)
+        minimise(by_differences(residual, box), begin[None], box=box)
+    found = minimise(by_differences(residual, box), begin[None], box=box, settled=False)
     assert found.chi2 < 0.01 * float(np.sum(residual(begin) ** 2))
 
 
