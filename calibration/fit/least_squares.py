@@ -368,10 +368,10 @@ class Problem(Parametrised):
 
     def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:
         """Return the best minimum from `starts` (s, p) of all parameters."""
-        return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance, linear=self.linear)
+        return minimise(self.linear, starts[:, self.free], box=self.box, tolerance=tolerance)
 
     def linear(self, free_values: Floats) -> tuple[Floats, Floats]:
-        """Return the whitened model less measurement with a row for each of k priors, and its slopes (N + k, q)."""
+        """Return the whitened model less measurement and a row for each of k priors, and slopes (N + k, q)."""
         values, free, weight = self.full(free_values), self.free, self.prior_weight
         force, slopes = self.model.linear(values, self.data, free=free)
         off = force - self.data.normal_N - self.carried_N
