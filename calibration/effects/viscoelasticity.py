@@ -114,12 +114,12 @@ def relaxed(force_N: Any, tau_s: Any, *, data: Observations) -> Floats:
     lost: Floats = force - held[:, 0]
     if not moves(force_N, tau_s):
         return lost
-    slopes = force_N.whole - held[:, 1:].T if moves(force_N) else 0.0
+    slopes: Any = force_N.whole - held[:, 1:].T if moves(force_N) else 0.0
     if moves(tau_s):  # two more recursions cost less than the derivative's own
         step = ROOT * tau
         ends = [relaxed(force, tau + side * step, data=data) for side in (-1, 1)]
         slopes = slopes + (ends[1] - ends[0]) / (2 * step) * tau_s.slopes
-    return cast(Any, Dual(lost, slopes))
+    return cast(Floats, Dual(lost, slopes))
 
 
 @lru_cache(maxsize=KEPT)

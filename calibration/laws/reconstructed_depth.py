@@ -105,7 +105,7 @@ def wall_share(ratio: float, steep: Floats) -> Floats:
 
     `steep` (N,) is the walls' slope over the method's own ceiling S: a wall is read as T(steep), T(x) = tanh(x)/x.
     """
-    share: Floats = read_share(np.hypot(ratio, 1.0) * steep) / read_share(steep)
+    share: Floats = read_share(np.sqrt(ratio**2 + 1.0) * steep) / read_share(steep)
     return share
 
 

@@ -145,7 +145,7 @@ def _moved(part: Any, state: State, own: Any, data: Observations) -> State:
     if moves(data.force_N) and not part.reads_force:
         data = replace(data, force_N=value_of(data.force_N))
     if part.analytic:
-        after = part.apply(state, own, data)
+        after: State = part.apply(state, own, data)
         if after is not state or not any(moves(one) for one in own):
             return after
     return _differenced(part, state, own, data)
@@ -169,20 +169,12 @@ def _differenced(part: Any, state: State, own: Any, data: Observations) -> State
             side * ROOT / share * bool(((low <= end) & (end <= high)).all())
             for side, end in zip((-1, 1), ends, strict=True)
         ]
-        sides = [
-            part.apply(
-                State(**plain | {n: plain[n] + step * one for n, one in along.items()}),
-                own.value + step * way,
-                data,
-            )
-            for step in steps
-        ]
+        moved = [State(**plain | {n: plain[n] + step * one for n, one in along.items()}) for step in steps]
+        sides = [part.apply(one, own.value + step * way, data) for one, step in zip(moved, steps, strict=True)]
         for name in names:
             slopes[name][k] = (getattr(sides[1], name) - getattr(sides[0], name)) / (steps[1] - steps[0])
-    whole = {name: (getattr(after, name), slopes[name]) for name in names}
-    return cast(Any, State)(
-        **{name: Dual(one, slope) if slope.any() else one for name, (one, slope) in whole.items()}
-    )
+    whole: dict[str, Any] = {name: Dual(getattr(after, name), slopes[name]) for name in names}
+    return State(**{name: one if one.slopes.any() else one.value for name, one in whole.items()})
 
 
 def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:

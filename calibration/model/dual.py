@@ -109,8 +109,6 @@ def _of_two(name: str, x: Any, y: Any) -> tuple[Any, Any] | None:
     if name in ("maximum", "minimum"):
         first = x >= y if name == "maximum" else x <= y
         return first, np.logical_not(first)
-    if name == "hypot":
-        return x / np.hypot(x, y), y / np.hypot(x, y)
     return (y * x ** (y - 1), 0.0) if name == "power" else None  # of a plain exponent
 
 
