@@ -277,7 +277,9 @@ def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: lis
         wet = "the presses were lubricated: no friction"
         assumptions.append(wet if fitted.data.lubricated else "the gel sticks to the indenter's face")
         return 0.0
-    surplus = sticking_surplus(NU_MAX if nu.value is None else nu.value, radius / fitted.data.gel.thickness_mm)
+    surplus: float = sticking_surplus(
+        NU_MAX if nu.value is None else nu.value, radius / fitted.data.gel.thickness_mm
+    )
     assumptions.append(
         f"friction is unknown: kappa is frictionless, and E may be lower by up to {100 * surplus:.1f} % where the "
         "gel sticks, which E's interval includes"

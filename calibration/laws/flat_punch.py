@@ -16,7 +16,6 @@ Sources: Hayes et al., J. Biomech. 5 (1972) 541; the bracket: Zhang, Zheng, Mak,
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -88,7 +87,7 @@ class FlatPunch(Composable):
         return replace(state, stiffness_N_per_mm=sharp, force_N=rounded * depth * bracket)
 
 
-def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Sequence[Floats]:
+def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats | list[Floats]:
     """Return force over depth at E = 1 MPa of a sharp edge and of the actual edge, (2, N) in N/mm; cached."""
     shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
     if moves(poisson_ratio, sticking, *shape):
