@@ -48,18 +48,20 @@ def depth(
     mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: corrects faces."),
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            help="Correct the depth of faces by this calibration.json of the recording.",
+        ),
     ] = None,
     form: Annotated[
-        Literal["tiff", "zarr"], typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
+        Literal["tiff", "zarr"], typer.Option("--format", help="Write one TIFF a frame, or one Zarr store.")
     ] = "tiff",
-    with_std: Annotated[
-        bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
-    ] = False,
+    with_std: Annotated[bool, typer.Option("--std", help="Also write the depths' std, into depth_std/.")] = False,
     even_so: source.EvenSoOption = False,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
-    pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
+    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the deepest.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
@@ -176,7 +178,8 @@ def _draw(
 def force(
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; by default the profile's.")
+        Path | None,
+        typer.Option(help="Take E and nu from this calibration.json. By default they are the profile's."),
     ] = None,
     out: console.OutOption = Path("force_out"),
     sensor: source.SensorOption = None,
@@ -184,10 +187,12 @@ def force(
     method: source.MethodOption = None,
     even_so: source.EvenSoOption = False,
     mm_per_px: source.ScaleOption = None,
-    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="How tractions are stored.")] = "npz",
+    form: Annotated[
+        Literal["npz", "zarr"], typer.Option("--format", help="Choose how tractions are stored.")
+    ] = "npz",
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
-    pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
+    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the strongest.")] = 3,
     diagnosis: Annotated[
         bool,
         typer.Option("--diagnosis/--no-diagnosis", help="Find the cause of a difference from the F/T sensor."),

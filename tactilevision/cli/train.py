@@ -36,19 +36,27 @@ def train(
     recording: Annotated[
         Path, typer.Argument(help="A recording, or a folder of ball presses and flats, also of gs_sdk.")
     ],
-    method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "auto",
+    method: Annotated[
+        str, typer.Option(help="Calibrate this method: polynomial, auto, lookup or network.")
+    ] = "auto",
     out: Annotated[
-        Path, typer.Option("--out", help="The method's file; its card and figure are written next to it.")
+        Path,
+        typer.Option("--out", "-o", help="Write the method to this file, and its card and figure next to it."),
     ] = Path("method.npz"),
-    licence: Annotated[str, typer.Option(help="Licence of the method's file, for its card.")] = "not stated",
+    licence: Annotated[
+        str, typer.Option(help="State the licence of the method's file for its card.")
+    ] = "not stated",
     guide: Annotated[
-        bool, typer.Option("--guide", help="First mark the balls' circles on a page; also writes a profile.")
+        bool, typer.Option("--guide", help="First mark the balls' circles on a page. A profile is written, too.")
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the guide's page; 0: a free one.")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Serve the guide's page on this port; 0 takes a free one.")
+    ] = 0,
     sensor: sources.SensorOption = None,
     reference: sources.ReferenceOption = None,
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
+    json: console.JsonOption = None,
 ) -> None:
     """Calibrate a photometric method for --method FILE.
 
@@ -72,6 +80,7 @@ def train(
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:
         _save_profile(source, made, out)
+    console.hand_over(kept.card.to_json(), json)
 
 
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
@@ -134,21 +143,26 @@ def calibrate_sensor(
     path: Annotated[
         Path, typer.Argument(help="A recording, a folder of ball presses and flats, or one of frames.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The profile's file; its name ends in .tvs.")] = Path(
-        "my_sensor.tvs"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Write the profile to this file, whose name ends in .tvs.")
+    ] = Path("my_sensor.tvs"),
     sensor: Annotated[
-        str | None, typer.Option(help="For a bare folder: a sensor's name, or a TOML file with a [sensor] table.")
+        str | None, typer.Option(help="For a bare folder, name the sensor, or a TOML file with a [sensor] table.")
     ] = None,
     reference: sources.ReferenceOption = None,
     method: sources.MethodOption = None,
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; by default computed here if possible.")
+        Path | None,
+        typer.Option(
+            help="Take E and nu from this calibration.json. By default they are fitted here if possible."
+        ),
     ] = None,
-    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: depth, no force.")] = False,
-    serial: Annotated[str | None, typer.Option(help="The unit's serial number, where no file states it.")] = None,
+    light_only: Annotated[
+        bool, typer.Option("--light-only", help="Omit E and nu. The profile then gives depth, and no force.")
+    ] = False,
+    serial: Annotated[str | None, typer.Option(help="State the unit's serial number, where no file does.")] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
