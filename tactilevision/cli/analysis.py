@@ -187,7 +187,7 @@ def workbench(
     private: Private = None,
     prior: console.PriorOption = True,
     seed: Seed = 0,
-    port: Annotated[int, typer.Option(help="Serve the page on this port of 127.0.0.1; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(help="Serve the page on this port; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""

@@ -178,8 +178,7 @@ def _draw(
 def force(
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
     calibration: Annotated[
-        Path | None,
-        typer.Option(help="Take E and nu from this calibration.json. By default they are the profile's."),
+        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of the profile.")
     ] = None,
     out: console.OutOption = Path("force_out"),
     sensor: source.SensorOption = None,

@@ -35,10 +35,7 @@ TABLE = "live.csv"
 
 def live(
     camera: Annotated[
-        str,
-        typer.Option(
-            help="Read a camera by its number, a video, or a folder of pictures.", metavar="0|VIDEO|FOLDER"
-        ),
+        str, typer.Option(help="Read a camera's number, a video, or a folder.", metavar="0|VIDEO|FOLDER")
     ] = "0",
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
@@ -49,15 +46,12 @@ def live(
     form: Annotated[
         Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Choose the format of the camera's frames.")
     ] = None,
-    rate: Annotated[
-        float, typer.Option(min=0.1, help="Play a video or folder with so many frames a second.")
-    ] = 30,
+    rate: Annotated[float, typer.Option(min=0.1, help="Play at so many frames a second.")] = 30,
     every: Annotated[bool, typer.Option("--every", help="Drop no frame of a video or folder.")] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
     preview: Annotated[
-        int | None,
-        typer.Option(min=0, max=65535, help="Show the frames on a page of this port; 0 takes a free one."),
+        int | None, typer.Option(min=0, max=65535, help="Serve a page on this port; 0: a free one.")
     ] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove with maps and wrench.")] = False,
     mcap: Annotated[Path | None, typer.Option(help="Write what Foxglove shows here.")] = None,

@@ -23,22 +23,16 @@ def import_log(
     out: Annotated[Path, typer.Option("--out", "-o", help="Write the recording into this folder.")],
     frames: Annotated[
         str | None,
-        typer.Option(
-            metavar="TOPIC",
-            help="Read pictures (Image or CompressedImage) from this topic. By default it is the only such one.",
-        ),
+        typer.Option(metavar="TOPIC", help="Read pictures from this topic; by default the only such one."),
     ] = None,
     wrench: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="Read forces (WrenchStamped) from this topic.")
+        str | None, typer.Option(metavar="TOPIC", help="Read WrenchStamped from this topic.")
     ] = None,
-    clock: Annotated[
-        Clock, typer.Option(help="Take the times of the headers, or those of the log.")
-    ] = Clock.HEADER,
+    clock: Annotated[Clock, typer.Option(help="Take times of the headers or of the log.")] = Clock.HEADER,
     sensor: Annotated[str | None, typer.Option(help="Name the kind of sensor, or its profile (.tvs).")] = None,
     mm_per_px: source.ScaleOption = None,
     rotation: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Give the frame's x, y, z in the wrench's axes as nine numbers."),
+        str | None, typer.Option(metavar="LIST", help="Give the frame's x, y, z in the wrench's axes.")
     ] = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -59,15 +53,9 @@ def import_log(
 
 def export_log(
     path: Annotated[Path, typer.Argument(metavar="RECORDING", help="The recording, which has the frames' times.")],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Write FILE.mcap, FILE.bag (ROS 1), or a ROS 2 folder.")
-    ],
-    depth: Annotated[
-        Path | None, typer.Option(help="Take depths from the folder that `tactilevision depth` wrote.")
-    ] = None,
-    force: Annotated[
-        Path | None, typer.Option(help="Take forces from the folder that `tactilevision force` wrote.")
-    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write FILE.mcap, FILE.bag or a ROS 2 folder.")],
+    depth: Annotated[Path | None, typer.Option(help="Take what `tactilevision depth` wrote.")] = None,
+    force: Annotated[Path | None, typer.Option(help="Take what `tactilevision force` wrote.")] = None,
     sensor: source.SensorOption = None,
     frame_id: Annotated[str, typer.Option(help="Name the frame of reference of all messages.")] = "gel_pad",
     json: console.JsonOption = None,
@@ -84,9 +72,7 @@ def export_log(
 
 def lerobot(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A data set of LeRobot, version 3.")],
-    camera: Annotated[
-        str, typer.Option(metavar="KEY", help="Name the tactile camera, such as observation.images.tactile.")
-    ],
+    camera: Annotated[str, typer.Option(metavar="KEY", help="Name it: observation.images.tactile.")],
     sensor: Annotated[Path, typer.Option(help="Use this profile (.tvs) of the sensor.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Write the data set into this folder.")],
     shrink: Annotated[int, typer.Option(min=1, help="Average depth over so many pixels each way.")] = 4,

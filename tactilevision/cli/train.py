@@ -36,22 +36,15 @@ def train(
     recording: Annotated[
         Path, typer.Argument(help="A recording, or a folder of ball presses and flats, also of gs_sdk.")
     ],
-    method: Annotated[
-        str, typer.Option(help="Calibrate this method: polynomial, auto, lookup or network.")
-    ] = "auto",
+    method: Annotated[str, typer.Option(help="Choose polynomial, auto, lookup or network.")] = "auto",
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="Write the method to this file, and its card and figure next to it."),
+        Path, typer.Option("--out", "-o", help="Write the method here, and its card next to it.")
     ] = Path("method.npz"),
-    licence: Annotated[
-        str, typer.Option(help="State the licence of the method's file for its card.")
-    ] = "not stated",
+    licence: Annotated[str, typer.Option(help="State the file's licence, for its card.")] = "not stated",
     guide: Annotated[
-        bool, typer.Option("--guide", help="First mark the balls' circles on a page. A profile is written, too.")
+        bool, typer.Option("--guide", help="First mark the balls on a page; also writes a profile.")
     ] = False,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Serve the guide's page on this port; 0 takes a free one.")
-    ] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port; 0: a free one.")] = 0,
     sensor: sources.SensorOption = None,
     reference: sources.ReferenceOption = None,
     mm_per_px: sources.ScaleOption = None,
@@ -143,9 +136,7 @@ def calibrate_sensor(
     path: Annotated[
         Path, typer.Argument(help="A recording, a folder of ball presses and flats, or one of frames.")
     ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Write the profile to this file, whose name ends in .tvs.")
-    ] = Path("my_sensor.tvs"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write FILE.tvs.")] = Path("my_sensor.tvs"),
     sensor: Annotated[
         str | None, typer.Option(help="For a bare folder, name the sensor, or a TOML file with a [sensor] table.")
     ] = None,
@@ -154,14 +145,9 @@ def calibrate_sensor(
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
     calibration: Annotated[
-        Path | None,
-        typer.Option(
-            help="Take E and nu from this calibration.json. By default they are fitted here if possible."
-        ),
+        Path | None, typer.Option(help="Take E and nu from calibration.json, or else fit them.")
     ] = None,
-    light_only: Annotated[
-        bool, typer.Option("--light-only", help="Omit E and nu. The profile then gives depth, and no force.")
-    ] = False,
+    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: no force is given.")] = False,
     serial: Annotated[str | None, typer.Option(help="State the unit's serial number, where no file does.")] = None,
     json: console.JsonOption = None,
 ) -> None:
