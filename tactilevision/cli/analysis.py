@@ -189,6 +189,9 @@ def workbench(
     seed: Seed = 0,
     port: Annotated[int, typer.Option(help="Serve the page on this port; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    framed: Annotated[
+        bool, typer.Option("--framed", help="Let a notebook on this machine frame the page.")
+    ] = False,
 ) -> None:
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
     plotly()
@@ -204,7 +207,7 @@ def workbench(
     bench = Bench(
         opened, history, export=_export, keep=lambda kept: folders.write_history(kept, out, out), out=out
     )
-    with Server(bench, port) as server:
+    with Server(bench, port, framed=framed) as server:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
         if browser:
             typer.launch(server.address)

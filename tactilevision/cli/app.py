@@ -60,11 +60,14 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
-RENAMED = {  # options of one command that have another name or meaning in the others
-    ("compare", "--effect"): "--with KEY or --with FILE.py adds an effect; `diagnose --effect` offers one",
-    ("plan", "--out"): "it is --json FILE, as in other commands",
-    ("tabulate", "--processes"): "it is --workers, as in other commands",
-    **{(name, "--scheduler"): "it is --cluster ADDRESS" for name in COMMANDS},
+RENAMED = {  # by command and the option that it does not have: what to write instead
+    (
+        "compare",
+        "--effect",
+    ): "Add an effect by --with KEY or --with FILE.py; `diagnose --effect FILE.py` offers one.",
+    ("plan", "--out"): "Use --json FILE.",
+    ("tabulate", "--processes"): "Use --workers.",
+    **{(name, "--scheduler"): "Use --cluster ADDRESS." for name in COMMANDS},
 }
 HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -75,8 +78,9 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options. Raises InputError for one of an earlier name."""
         for given in args:
-            if said := RENAMED.get((str(self.name), given.partition("=")[0])):
-                raise InputError(said[:1].upper() + said[1:], where=given.partition("=")[0])
+            option = given.partition("=")[0]
+            if remedy := RENAMED.get((str(self.name), option)):
+                raise InputError("there is no such option", where=f"{self.name} {option}", remedy=remedy)
         try:
             return super().parse_args(ctx, args)
         except Exception as fault:

@@ -35,6 +35,7 @@ from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import Z95
 from tactilevision.records.maps import TractionMap, flag_messages
 from tactilevision.records.measured import Material
+from tactilevision.sensors import usual_gel
 
 MOST_S = 60  # s, the longest diagnosis within `force`
 
@@ -200,8 +201,8 @@ def force(
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    material = _material(chosen, calibration)
     recording = with_gel(chosen.open(path), calibration)
+    recording, material = _material(chosen, calibration, recording)
     with console.progress_bar("calibrating the light:") as progress:
         profiled, light = chosen.calibrated(recording), chosen.light(recording, progress)
         reconstructor, anchor = source.open_face_correction(recording, light, calibration=calibration)
@@ -289,18 +290,27 @@ def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
     return content
 
 
-def _material(chosen: source.Choice, calibration: Path | None) -> Material:
-    """Read E and nu from calibration.json, or else the profile. Raises InputError where there is neither."""
+def _material(chosen: source.Choice, calibration: Path | None, recording: Recording) -> tuple[Recording, Material]:
+    """Return the recording with its gel, and E and nu: of calibration.json, of the profile, or of a usual gel.
+
+    Warns where they are assumed. Raises InputError where there is none of these.
+    """
     profile = chosen.profile
     if calibration is not None:
-        return read_material(calibration)
-    if profile is None:
-        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor."
-        raise InputError("E and nu of the gel are not known", where="force", remedy=remedy)
-    if profile.material is None:
-        remedy = "Name a calibration.json with --calibration, or make the profile with one."
-        raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
-    return profile.material
+        return recording, read_material(calibration)
+    if profile is not None and profile.material is not None:
+        return recording, profile.material
+    assumed = usual_gel(recording.sensor)
+    if assumed is None:
+        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile that has them."
+        raise InputError(
+            "E and nu of the gel are not known", where="force" if profile is None else profile.path, remedy=remedy
+        )
+    gel, material = assumed
+    console.warn(
+        [f"E and nu are assumed, of a usual {recording.sensor.kind}: forces may be off by half; calibrate"]
+    )
+    return replace(recording, sensor=replace(recording.sensor, gel=gel)), material
 
 
 def _say_shear(shear: dict[str, int | str]) -> None:
