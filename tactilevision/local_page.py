@@ -248,9 +248,7 @@ class _Handler(BaseHTTPRequestHandler):
         _, token, *rest = [*path.split("/", 2), "", ""]
         if self._size < 0 or (self._size and not post):
             self._refuse(400, "the request cannot be parsed")
-        elif not _comes_from_page(
-            self.headers, page.hosts, post=post, others=page.origins if stream else None, framed=page.framed
-        ):
+        elif not _comes_from_page(self.headers, page, post=post, stream=stream):
             self._refuse(403, "this page answers its own requests only")
         elif not hmac.compare_digest(token.encode("utf-8", "replace"), page.token.encode()):
             self._refuse(404, "the address has no token, or another's: open the one that was printed")
@@ -319,31 +317,24 @@ def _json(content: dict[str, Any]) -> Answer:
     return Answer("application/json", as_json(content).encode())
 
 
-def _comes_from_page(
-    headers: Any,
-    hosts: tuple[str, ...],
-    *,
-    post: bool,
-    others: re.Pattern[str] | None = None,
-    framed: bool = False,
-) -> bool:
-    """Return whether a request is this page's own, of one of the `others`, or of a person who opens its address.
+def _comes_from_page(headers: Any, page: LocalPage, *, post: bool, stream: bool) -> bool:
+    """Return whether a request is this page's own, of one of its `origins`, or of a person who opens its address.
 
-    With `framed` also that of a page which opens it in a frame; the policy then says which page may show it.
+    Of a `framed` page also that of a page which opens it in a frame; the policy then says which one may show it.
 
     Origin or Sec-Fetch-Site shows another site's page, Host a foreign name that resolves to this machine.
     """
-    if headers.get_all("Host", []) not in [[host] for host in hosts]:
+    if headers.get_all("Host", []) not in [[host] for host in page.hosts]:
         return False
-    if others is not None and others.fullmatch(headers.get("Origin", "")):
+    if stream and page.origins.fullmatch(headers.get("Origin", "")):
         return True
     opens = (headers.get("Sec-Fetch-Dest"), headers.get("Sec-Fetch-Mode")) == ("iframe", "navigate")
-    if framed and opens and not post:
+    if page.framed and opens and not post:
         return True
     if headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
         return False
     origin = headers.get("Origin")
-    return origin in [f"http://{host}" for host in hosts] if post or origin is not None else True
+    return origin in [f"http://{host}" for host in page.hosts] if post or origin is not None else True
 
 
 # Messages over a websocket (RFC 6455): unfragmented ones of at most MAX_BODY from a browser, any size to it.

@@ -7,7 +7,6 @@ import base64
 import re
 import subprocess
 import sys
-import tempfile
 from functools import partial
 from html import escape
 from io import BytesIO
@@ -24,6 +23,7 @@ from tactilevision.errors import InputError, library
 from tactilevision.plots import calibration as indentation, misfit, style
 from tactilevision.plots.height import draw_map
 from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import HeightMap
 
 if TYPE_CHECKING:
@@ -85,9 +85,7 @@ class OpenWorkbench:
     def close(self) -> None:
         """End the process; the state stays in its folder."""
         self._process.terminate()
-        self._process.wait()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
+        self._process.communicate()
 
 
 def open_workbench(recording: Recording | Path | str, *, out: Path | str = "workbench_out") -> OpenWorkbench:
@@ -97,18 +95,13 @@ def open_workbench(recording: Recording | Path | str, *, out: Path | str = "work
     localhost may frame the workbench, and no other. Raises InputError where the recording cannot be opened.
     """
     library("plotly", extra="workbench", where="open_workbench")
-    path = recording.path if isinstance(recording, Recording) else recording
+    path = recording.path if isinstance(recording, Recording) else read_recording(recording).path
     command = [sys.executable, "-m", "tactilevision", "workbench", str(path), "--out", str(out)]
-    with tempfile.TemporaryFile("w+") as complaints:
-        process = subprocess.Popen(
-            [*command, "--no-browser", "--framed"], stdout=subprocess.PIPE, stderr=complaints, text=True
-        )
-        assert process.stdout is not None
-        found = next(filter(None, (re.search(r"http://\S+", line) for line in process.stdout)), None)
-        if found is not None:
-            return OpenWorkbench(found[0], process)
-        process.wait()
-        process.stdout.close()
-        complaints.seek(0)
-        said = [line.strip() for line in complaints if line.startswith("error: ")]
-        raise InputError("the workbench did not open", where=path, value="; ".join(said))
+    process = subprocess.Popen([*command, "--no-browser", "--framed"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    found = next(filter(None, (re.search(r"http://\S+", line) for line in process.stdout)), None)
+    if found is None:
+        process.communicate()
+        remedy = f"Run `tactilevision workbench {path}` in a terminal to see why."
+        raise InputError("the workbench did not open", where=path, remedy=remedy)
+    return OpenWorkbench(found[0], process)

@@ -103,22 +103,15 @@ class Recording(Displayed):
 
     def summary(self) -> Summary:
         """Return the sensor, its gel, and how much of each kind there is."""
-        gel, forces = self.sensor.gel, self.forces
-        counts = {
-            "frames": len(self.frame_names),
-            "presses": len(self.presses),
-            "force readings": 0 if forces is None else forces.time_s.size,
-            "curves": len(self.curves),
-            "points": len(self.points),
-            "ball presses": len(self.balls),
-            "pictures of the untouched gel": len(self.flats),
-        }
+        gel, readings = self.sensor.gel, () if self.forces is None else self.forces.time_s
+        names = ("frames", "presses", "force readings", "curves", "points", "ball presses", "flats")
+        held = (self.frame_names, self.presses, readings, self.curves, self.points, self.balls, self.flats)
         punches = (f"{name} ({one.shape}, {one.radius_mm:g} mm)" for name, one in self.indenters.items())
         values = {
             "sensor": f"{self.sensor.kind} {self.sensor.serial}".rstrip(),
             "gel": "not described" if gel is None else f"{gel.thickness_mm:g} mm thick, {gel.shape}",
             "date": str(self.date or ""),
-            "holds": ", ".join(f"{count} {name}" for name, count in counts.items() if count),
+            "holds": ", ".join(f"{len(one)} {name}" for name, one in zip(names, held, strict=True) if len(one)),
             "indenters": ", ".join(punches),
         }
         return Summary(f"Recording {self.name}", values, self.warnings)

@@ -56,10 +56,11 @@ _THICKNESS_MM = {
     # Not published: a bound. Pads of this family (GelSight Mini, R1.5, GelSlim) are 2 to 4.5 mm thick.
     "gelsight_wedge": 5.0,
 }
-# Published E and nu of the usual gel of a kind, which are assumed where nobody has calibrated the gel. Of a Mini: E
-# .43 MPa (neo-Hookean C10 .0725 MPa) by indentation, Helmut et al., arXiv 2411.03315 (feats-ai/feats). Of gels of its
-# silicone, XP-565: E .275 MPa from Shore 00 60, nu .485, Burgess et al., arXiv 2406.15304. Of a simulated GelSight: E
-# .145 MPa, nu .45, Chen et al., arXiv 2301.08343 (Tacchi). The value is the middle of these, its std half the range.
+# Published E and nu of the usual gel of a kind, which are assumed where nobody has calibrated the gel.
+# Of a GelSight Mini: E .43 MPa (neo-Hookean C10 .0725 MPa) by indentation, Helmut et al., arXiv 2411.03315
+# (feats-ai/feats). Of gels of its silicone, XP-565: E .275 MPa from Shore 00 60, nu .485, Burgess et al., arXiv
+# 2406.15304. Of a simulated GelSight: E .145 MPa, nu .45, Chen et al., arXiv 2301.08343 (Tacchi). The value is the
+# middle of these, its deviation half of their range.
 _USUAL_MATERIAL = {"gelsight_mini": Material(0.29, 0.48, np.diag([0.145**2, 0.015**2]), assumed=True)}
 # of the thickness: a bonded layer stiffens as (1 - w/h)^-3, here 125 times (Johnson, Contact Mechanics, 5.8)
 MAX_COMPRESSION = 0.8
