@@ -185,7 +185,7 @@ class Diagnosis(Displayed):
         before_N, after_N = pairs[0] if np.isfinite(pairs[0]).all() else pairs[1]
         values: dict[str, str | Estimate] = {
             "effects": ", ".join(one.key.replace("_", " ") for one in self.effects) or "none",
-            "candidates": ", ".join(key.replace("_", " ") for key in self.candidates),
+            "candidates": ", ".join(self.candidates).replace("_", " ") if len(self.candidates) > 1 else "",
             "error": f"{mN(before_N)} → {mN(after_N)}",
             "repeatability": mN(errors.floor),
             "E by the base model": self.material.before.youngs_modulus,

@@ -64,7 +64,7 @@ def draw_map(height: HeightMap, *, std: bool = False) -> Figure:
     """
     if std and height.std_mm is None:
         raise InputError("the map states no standard deviation", where=f"height map {height.name}")
-    figure, panels = style.new_figure(columns=2) if std else style.new_figure(*style.MAP_IN)
+    figure, panels = style.new_figure(style.MAP_IN[0], (1 + std) * style.MAP_IN[1], rows=1 + std)
     style.colour_bar(panels[0], depth_image(panels[0], height), "depth into the gel (mm)")
     panels[0].set_title(titled(height, "depth of the gel's surface"))
     if std:

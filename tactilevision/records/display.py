@@ -18,9 +18,10 @@ from tactilevision.records.measured import Bytes, Estimate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST = 160  # letters of a value that are shown
+LONGEST = 240  # letters of a value that are shown
 MOST_NOTES = 4  # warnings that are shown; the rest are counted
 WIDTH_PX = 200  # of a picture in a table
+QUALITY = 80  # of this picture, of 100
 
 
 def number(value: float | None, std: float | None = None) -> str:
@@ -85,12 +86,12 @@ class Displayed:
         return "\n".join([found.title, *(f"  {key}: {text}" for key, text in found.lines())])
 
     def _repr_html_(self) -> str:
-        found = self.summary()
-        cells = (f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in found.lines())
-        picture = (
-            "" if found.picture is None else f'<img alt="{escape(found.title)}" src="{as_uri(found.picture)}">'
-        )
-        return f"<div><b>{escape(found.title)}</b><table>{''.join(cells)}</table>{picture}</div>"
+        found, left = self.summary(), ' style="text-align: left"'
+        cells = (f"<tr><th{left}>{escape(key)}</th><td{left}>{escape(v)}</td></tr>" for key, v in found.lines())
+        title, picture = escape(found.title), ""
+        if found.picture is not None:
+            picture = f'<img alt="{title}" src="{as_uri(found.picture)}">'
+        return f"<div><b>{title}</b><table>{''.join(cells)}</table>{picture}</div>"
 
 
 def as_uri(rgb: Bytes) -> str:
@@ -98,7 +99,8 @@ def as_uri(rgb: Bytes) -> str:
     import cv2
 
     step = max(1, -(-rgb.shape[1] // WIDTH_PX))
-    packed = cv2.imencode(".webp", np.ascontiguousarray(rgb[::step, ::step, ::-1]))[1]
+    small = np.ascontiguousarray(rgb[::step, ::step, ::-1])
+    packed = cv2.imencode(".webp", small, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])[1]
     return f"data:image/webp;base64,{b64encode(packed.tobytes()).decode()}"
 
 

@@ -163,14 +163,12 @@ class HeightMap(Displayed):
         """
         xarray = library("xarray", extra="notebook", where="to_xarray")
         fields = {"depth_mm": self.depth_mm, **({} if self.std_mm is None else {"std_mm": self.std_mm})}
-        places = {
-            name: (name, (np.arange(count) - (count - 1) / 2) * scale, {"units": "mm"})
-            for name, count, scale in zip("yx", self.depth_mm.shape, self.mm_per_px[::-1], strict=True)
-        }
-        about = {"name": self.name, "time_s": self.time_s, "flags": list(self.flags), "positions": self.positions}
+        sides = zip("yx", self.depth_mm.shape, self.mm_per_px[::-1], strict=True)
+        places = {n: (n, (np.arange(size) - (size - 1) / 2) * mm, {"units": "mm"}) for n, size, mm in sides}
         known = {
             name: (("y", "x"), np.where(self.valid, f, np.nan), {"units": "mm"}) for name, f in fields.items()
         }
+        about = {"name": self.name, "time_s": self.time_s, "flags": list(self.flags)}
         return xarray.Dataset(known, coords=places, attrs=about)
 
 
