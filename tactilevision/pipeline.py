@@ -309,8 +309,6 @@ def fit(
     nu: npt.ArrayLike | None = None,
     time_s: npt.ArrayLike | None = None,
     press: Sequence[object] | None = None,
-    depth_std_mm: npt.ArrayLike | None = None,
-    force_std_N: npt.ArrayLike | None = None,
 ) -> CalibrationResult:
     """Fit c, beta and E to depths and forces of flat punches on a bonded layer; the model is that of `calibrate`.
 
@@ -328,8 +326,6 @@ def fit(
     time_s, press
         Times (N,) of readings, and labels (N,) of the presses to which they belong (None: to one), whose errors
         they share. Without times each sample is a press of its own.
-    depth_std_mm, force_std_N
-        Noise of one sample. Omitted: estimated from the scatter about the law.
 
     Returns
     -------
@@ -348,9 +344,8 @@ def fit(
     >>> print(result.c.value, result.beta.value, result.youngs_modulus.interval95)
     """
     table = samples_of(
-        depth_mm=depth_mm, force_N=force_N, radius_mm=radius_mm, thickness_mm=thickness_mm,
-        nu=nu, time_s=time_s, depth_std_mm=depth_std_mm, force_std_N=force_std_N,
-    )  # fmt: skip
+        depth_mm=depth_mm, force_N=force_N, radius_mm=radius_mm, thickness_mm=thickness_mm, nu=nu, time_s=time_s
+    )
     return calibrate(measured_of(table, press), test=False)
 
 

@@ -18,7 +18,6 @@ from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 NAME = "arrays"  # of the recording that they make
 ARRAYS = ("depth_mm", "force_N", "time_s")  # of samples: one number does not stand for all of them
-_NOISE = ("depth_std_mm", "force_std_N")  # of one sample, NaN where it is not stated
 Table = Mapping[str, Floats]
 
 
@@ -51,24 +50,22 @@ def measured_of(table: Table, press: Sequence[object] | None = None) -> Measured
     Raises InputError for labels of another number or without times, and where the gel, or the punch of a press, is
     not one.
     """
-    depth, force, radius = (table[name] for name in ("depth_mm", "force_N", "radius_mm"))
-    nu = _only("nu", table["nu"]) if "nu" in table else None
-    noise = {name: table[name] if name in table else np.full(depth.size, np.nan) for name in _NOISE}
+    radius, nu = table["radius_mm"], _only("nu", table["nu"]) if "nu" in table else None
     gel = Gel(_only("thickness_mm", table["thickness_mm"]), poisson_ratio=nu)
     named = {f"a = {a:g} mm": Indenter(f"a = {a:g} mm", radius_mm=a) for a in np.unique(radius).tolist()}
     sensor = Sensor("custom", 0, 0, (float("nan"),) * 2, gel)
     made = Recording(Path(NAME), NAME, sensor, indenters=named)
-    if "time_s" not in table:
-        if press is not None:
-            raise InputError("samples of one press need their times", where="fit: press", remedy="Give time_s.")
-        rows = np.column_stack([radius, depth, force, *noise.values()]).tolist()
-        points = (CertifiedPoint(f"{k}", f"a = {a:g} mm", *row) for k, (a, *row) in enumerate(rows, start=1))
-        return Measured(made, tuple(points))
-    return _of_curves(made, table, np.array(["1"] * depth.size if press is None else list(map(str, press))))
+    if "time_s" in table:
+        return _of_curves(made, table, np.array(["1"] * radius.size if press is None else list(map(str, press))))
+    if press is not None:
+        raise InputError("samples of one press need their times", where="fit: press", remedy="Give time_s.")
+    rows = np.column_stack([radius, table["depth_mm"], table["force_N"]]).tolist()
+    points = (CertifiedPoint(f"{k}", f"a = {a:g} mm", w, P) for k, (a, w, P) in enumerate(rows, start=1))
+    return Measured(made, tuple(points))
 
 
 def _of_curves(made: Recording, table: Table, labels: npt.NDArray[np.str_]) -> Measured:
-    """Return the samples as one curve a label, with the noise of the sensors where it is stated."""
+    """Return the samples, (N,) each, as one curve a label."""
     depth, force, time = (table[name] for name in ARRAYS)
     if labels.size != depth.size:
         value = f"{labels.size} labels and {depth.size} depths"
@@ -80,15 +77,7 @@ def _of_curves(made: Recording, table: Table, labels: npt.NDArray[np.str_]) -> M
         push = np.column_stack([np.zeros((rows.size, 2)), force[rows]])
         curves.append(Curve(label, time[rows], depth[rows], push, np.full(rows.size, "")))
         presses.append(Press(label, f"a = {a:g} mm", float(time[rows[0]]), float(time[rows[-1]])))
-    stated = {name: _only(name, table[name]) for name in _NOISE if name in table}
-    depth_std, force_std = stated.get("depth_std_mm"), stated.get("force_std_N")
-    made = replace(
-        made,
-        presses=tuple(presses),
-        depth_std_mm=depth_std,
-        force_std_N=None if force_std is None else (force_std,) * 3,
-    )
-    return Measured(made, curves=tuple(curves))
+    return Measured(replace(made, presses=tuple(presses)), curves=tuple(curves))
 
 
 def _only(name: str, values: Floats) -> float:

@@ -41,12 +41,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "new-effect": ("analysis", "new_effect", "", "Write a template of an effect of your own."),
     },
     "Sensors": {
-        "calibrate-sensor": (
-            "train",
-            "calibrate_sensor",
-            "out file",
-            "Write a sensor profile for --sensor FILE.tvs.",
-        ),
+        "calibrate-sensor": ("train", "calibrate_sensor", "out file", "Write a sensor's profile for --sensor."),
         "train": ("train", "train", "out file", "Calibrate a photometric method for --method FILE."),
     },
     "Robot logs and data sets": {
@@ -61,10 +56,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 RENAMED = {  # by command and the option that it does not have: what to write instead
-    (
-        "compare",
-        "--effect",
-    ): "Add an effect by --with KEY or --with FILE.py; `diagnose --effect FILE.py` offers one.",
+    ("compare", "--effect"): "Add an effect by --with KEY or --with FILE.py; `diagnose --effect` offers one.",
     ("plan", "--out"): "Use --json FILE.",
     ("tabulate", "--processes"): "Use --workers.",
     **{(name, "--scheduler"): "Use --cluster ADDRESS." for name in COMMANDS},

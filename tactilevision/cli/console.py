@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from errno import ENOSPC
 from pathlib import Path
 from typing import Annotated, Any, Literal, TextIO
@@ -36,16 +35,8 @@ PicturesOption = Annotated[
 ]
 
 
-@dataclass
-class _Terminal:
-    """What the present command prints where: no summary if `quiet`, and on standard error if JSON is `printed`."""
-
-    quiet: bool = False
-    printed: bool = False
-
-
 STANDARD_OUTPUT = Path("-")  # the file of --json that stands for it
-_terminal = _Terminal()
+_present = {"quiet": False, "prints JSON": False}  # what the present command was asked for
 warned = set[str]()  # warnings that the present command has printed
 
 
@@ -58,13 +49,13 @@ def begin() -> None:
 
 def be_quiet(wanted: bool) -> bool:
     """Print no summary and no progress from now on, if `wanted`."""
-    _terminal.quiet = wanted
+    _present["quiet"] = wanted
     return wanted
 
 
 def _to_program(path: Path | None) -> Path | None:
     """Return the path of --json; keep standard output free of the summary where that is "-"."""
-    _terminal.printed = path == STANDARD_OUTPUT
+    _present["prints JSON"] = path == STANDARD_OUTPUT
     return path
 
 
@@ -126,7 +117,7 @@ _FIRST = 10  # lines of a long list that are printed
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
     """Show a bar with the remaining time on standard error, or, without a terminal, a line every ten seconds."""
-    if _terminal.quiet:
+    if _present["quiet"]:
         yield lambda done, total, what="": None
         return
     if not sys.stderr.isatty():
@@ -171,8 +162,8 @@ def _progress_lines(title: str) -> Iterator[Progress]:
 
 def say(*lines: str) -> None:
     """Print the human summary to standard output. Raises OutputError where that is a file on a full disk."""
-    for line in () if _terminal.quiet else lines:
-        (_complain if _terminal.printed else _print)(one_line(line))
+    for line in () if _present["quiet"] else lines:
+        (_complain if _present["prints JSON"] else _print)(one_line(line))
 
 
 def _print(text: str) -> None:
