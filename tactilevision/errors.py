@@ -82,7 +82,10 @@ def library(name: str, *, extra: str, where: object) -> Any:
     try:
         return import_module(name)
     except ImportError as fault:
-        what, remedy = f"the package {name.partition('.')[0]} is missing", f"pip install 'tactilevision[{extra}]'."
+        what, remedy = (
+            f"the package {name.partition('.')[0]} is missing",
+            f"pip install '.[{extra}]' in the repository.",
+        )
         raise InputError(what, where=where, remedy=f"Install it: {remedy}") from fault
 
 

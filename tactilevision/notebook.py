@@ -84,8 +84,9 @@ class OpenWorkbench:
 
     def close(self) -> None:
         """End the process; the state stays in its folder."""
-        self._process.terminate()
-        self._process.communicate()
+        if self._process.returncode is None:
+            self._process.terminate()
+            self._process.communicate()
 
 
 def open_workbench(recording: Recording | Path | str, *, out: Path | str = "workbench_out") -> OpenWorkbench:

@@ -30,6 +30,7 @@ from tactilevision.profile.model import Profile
 from tactilevision.profile.sensor import make_profile
 from tactilevision.profile.storage import SUFFIX, check_name, read_profile, write_profile
 from tactilevision.recording.model import Recording
+from tactilevision.sensors import usual_gel
 
 
 def train(
@@ -227,7 +228,8 @@ def _contents(profile: Profile) -> list[str]:
     if gel is None:
         lines.append("  gel: not described; add [sensor.gel] to a TOML file")
     if material is None:
-        lines.append("  no E and nu, so no force: --calibration calibration.json adds them")
+        force = "no force" if usual_gel(profile.sensor) is None else "force only by those of a usual gel, to 50 %"
+        lines.append(f"  no E and nu, so {force}: --calibration calibration.json adds them")
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")

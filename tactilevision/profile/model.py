@@ -91,7 +91,10 @@ class Seen(Displayed):
         if wrench is not None:
             force = f"fz {number(wrench.force_N[2], wrench.force_std_N[2])} N, std {wrench.force_std_N[2]:.2g} N"
         values = {**found.values, "contact": f"{self.contact.sum() * x * y:.1f} mm²", "force": force}
-        return replace(found, title=f"Seen {self.height.name}", values=values, notes=(*found.notes, *self.flags))
+        more = (flag for flag in self.flags if flag not in self.height.flags)
+        return replace(
+            found, title=f"Seen {self.height.name}".rstrip(), values=values, notes=(*found.notes, *more)
+        )
 
     @property
     def std(self) -> Singles | None:
