@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import typer
 from each import each
@@ -17,6 +19,7 @@ from tactilevision.cli import main
 from tactilevision.cli.app import COMMANDS, GROUPS, app
 
 PAPER = Path(__file__).parents[2] / "sample_frames" / "paper_points"
+GELSLIM = PAPER.with_name("gelslim3")
 WIDTH = 80  # columns of a terminal
 
 
@@ -60,7 +63,7 @@ def test_help_is_sentences_and_options_have_one_name(name: str) -> None:
         (("depth", "pictures", "--sensor", "gelslm3"), "Did you mean gelslim3?"),
         (("tabulate", "out", "--law", "henky"), "Did you mean hencky?"),
         (("view", "none.tiff"), "error: none.tiff: there is no such file."),
-        (("force", PAPER, "--calibration", "none.json"), "error: none.json: there is no such file."),
+        (("force", GELSLIM, "--calibration", "none.json"), "error: none.json: there is no such file."),
         (("calibrate", "pictures"), "`tactilevision depth pictures --sensor NAME` makes height maps of them"),
     ],
 )
@@ -73,7 +76,8 @@ def test_what_was_meant_is_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pictures").mkdir()
-    (tmp_path / "pictures" / "0.png").write_bytes(b"")
+    picture = cv2.imencode(".png", np.zeros((24, 32, 3), np.uint8))[1].tobytes()
+    (tmp_path / "pictures" / "0.png").write_bytes(picture)
     assert run(monkeypatch, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error
@@ -98,7 +102,7 @@ def test_a_shell_completes_commands_without_importing_them_and_options() -> None
         about = {"_TACTILEVISION_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(place)}
         program = (
             "import sys; from tactilevision.cli import main; sys.argv = ['tactilevision']; code = main(); "
-            "sys.stderr.write(f'{code} {'scipy' in sys.modules}'); sys.exit(code)"
+            "print(code, 'scipy' in sys.modules, end='', file=sys.stderr)"
         )
         done = subprocess.run(
             [sys.executable, "-c", program], env=os.environ | about, capture_output=True, text=True, check=True
