@@ -187,7 +187,7 @@ def workbench(
     private: Private = None,
     prior: console.PriorOption = True,
     seed: Seed = 0,
-    port: Annotated[int, typer.Option(help="Serve the page on this port; 0: a free one.")] = 0,
+    port: Annotated[int, typer.Option(help="Serve the page on this port (0: any).")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     framed: Annotated[
         bool, typer.Option("--framed", help="Let a notebook on this machine frame the page.")

@@ -29,9 +29,7 @@ def calibrate(
     out: console.OutOption = Path("calibration_out"),
     law: Annotated[
         Literal["default", "paper"],
-        typer.Option(
-            help="Fit kappa from first principles at the true a/h (default), or by the published route (paper)."
-        ),
+        typer.Option(help="Fit from first principles at the true a/h, or by the published route (paper)."),
     ] = "default",
     prior: console.PriorOption = True,
     test: Annotated[bool, typer.Option("--test/--no-test", help="Test whether the law explains the data.")] = True,
@@ -68,12 +66,8 @@ def calibrate(
 # `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.
 
 Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List lengths in mm, with commas between.")]
-Range = Annotated[
-    str | None, typer.Option(metavar="VALUE", help="Give a guess, or the two ends of a range, as .1,.4.")
-]
-Size = Annotated[
-    float | None, typer.Option(help="State a length in mm. By default it is as the recording states, or unknown.")
-]
+Range = Annotated[str | None, typer.Option(metavar="VALUE", help="Give a guess, or two ends of a range: .1,.4.")]
+Size = Annotated[float | None, typer.Option(help="State a length in mm; by default as the recording does.")]
 
 
 def plan(
@@ -89,9 +83,7 @@ def plan(
     poisson_ratio: Range = None,
     poisson_ratio_std: Annotated[float | None, typer.Option(help="State the std of nu.")] = None,
     lubricated: Annotated[bool, typer.Option("--lubricated", help="Plan for lubricated presses.")] = False,
-    repeats: Annotated[
-        int | None, typer.Option(help="Plan so many of each height; by default 3, or as in the recording.")
-    ] = None,
+    repeats: Annotated[int | None, typer.Option(help="Plan so many a height; by default as recorded.")] = None,
     depth_noise: Annotated[float | None, typer.Option(help="State the std of a press's depth, mm.")] = None,
     force_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, N.")] = None,
     gain_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, percent.")] = None,

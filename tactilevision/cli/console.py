@@ -29,9 +29,7 @@ FormatOption = Annotated[
 ]
 PicturesOption = Annotated[
     Literal["all", "few", "none"],
-    typer.Option(
-        "--pictures", help="Draw all presses, none, or a few: the rejected ones and those that fit worst."
-    ),
+    typer.Option("--pictures", help="Draw all presses, or a few: the rejected and the worst ones."),
 ]
 
 
@@ -59,9 +57,7 @@ def _to_program(path: Path | None) -> Path | None:
     return path
 
 
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=be_quiet, help="Print warnings and errors alone.")
-]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", callback=be_quiet, help="Print warnings alone.")]
 
 
 def _reached(context: typer.Context, address: str | None) -> str | None:
@@ -77,7 +73,7 @@ ClusterOption = Annotated[
         "--cluster",
         metavar="ADDRESS",
         callback=_reached,
-        help="Work on a Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
+        help="Use a Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
     ),
 ]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Use so many processes; by default one a core.")]

@@ -49,11 +49,7 @@ def depth(
     mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            help="Correct the depth of faces by this calibration.json of the recording.",
-        ),
+        typer.Option(exists=True, dir_okay=False, help="Correct faces by calibration.json of this recording."),
     ] = None,
     form: Annotated[
         Literal["tiff", "zarr"], typer.Option("--format", help="Write one TIFF a frame, or one Zarr store.")
@@ -187,9 +183,7 @@ def force(
     method: source.MethodOption = None,
     even_so: source.EvenSoOption = False,
     mm_per_px: source.ScaleOption = None,
-    form: Annotated[
-        Literal["npz", "zarr"], typer.Option("--format", help="Choose how tractions are stored.")
-    ] = "npz",
+    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="Write tractions like this.")] = "npz",
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the strongest.")] = 3,
@@ -303,13 +297,10 @@ def _material(chosen: source.Choice, calibration: Path | None, recording: Record
     assumed = usual_gel(recording.sensor)
     if assumed is None:
         remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile that has them."
-        raise InputError(
-            "E and nu of the gel are not known", where="force" if profile is None else profile.path, remedy=remedy
-        )
+        where = "force" if profile is None else profile.path
+        raise InputError("E and nu of the gel are not known", where=where, remedy=remedy)
     gel, material = assumed
-    console.warn(
-        [f"E and nu are assumed, of a usual {recording.sensor.kind}: forces may be off by half; calibrate"]
-    )
+    console.warn([f"E and nu of a usual {recording.sensor.kind} are assumed: forces may be off by half"])
     return replace(recording, sensor=replace(recording.sensor, gel=gel)), material
 
 

@@ -51,7 +51,7 @@ def live(
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
     preview: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Serve a page on this port; 0: a free one.")
+        int | None, typer.Option(min=0, max=65535, help="Serve a page on this port (0: any).")
     ] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove with maps and wrench.")] = False,
     mcap: Annotated[Path | None, typer.Option(help="Write what Foxglove shows here.")] = None,

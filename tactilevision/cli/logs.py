@@ -25,9 +25,7 @@ def import_log(
         str | None,
         typer.Option(metavar="TOPIC", help="Read pictures from this topic; by default the only such one."),
     ] = None,
-    wrench: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="Read WrenchStamped from this topic.")
-    ] = None,
+    wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Read WrenchStamped from here.")] = None,
     clock: Annotated[Clock, typer.Option(help="Take times of the headers or of the log.")] = Clock.HEADER,
     sensor: Annotated[str | None, typer.Option(help="Name the kind of sensor, or its profile (.tvs).")] = None,
     mm_per_px: source.ScaleOption = None,

@@ -68,15 +68,10 @@ Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List numbers,
 
 
 def tabulate(
-    out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="Folder for the cases and the table; a second run goes on in it.")
-    ],
-    law: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Solve for these laws: neo-hooke, hencky.")
-    ] = None,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of cases and table; a second run goes on.")],
+    law: Annotated[str | None, typer.Option(metavar="LIST", help="Solve for neo-hooke, hencky.")] = None,
     friction: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Solve for these coefficients of friction; inf means no slip."),
+        str | None, typer.Option(metavar="LIST", help="Solve for these coefficients; inf: no slip.")
     ] = None,
     poisson_ratio: Numbers = None,
     a_over_h: Numbers = None,
@@ -147,10 +142,7 @@ def validate(
     ],
     out: console.OutOption = Path("validation_out"),
     calibration: Annotated[
-        Path | None,
-        typer.Option(
-            help="Take E and nu from here. By default it is the one in PATH, or PATH is calibrated first."
-        ),
+        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of PATH.")
     ] = None,
     form: console.FormatOption = "png",
     json: console.JsonOption = None,

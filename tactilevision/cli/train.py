@@ -45,7 +45,7 @@ def train(
     guide: Annotated[
         bool, typer.Option("--guide", help="First mark the balls on a page; also writes a profile.")
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port; 0: a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port (0: any).")] = 0,
     sensor: sources.SensorOption = None,
     reference: sources.ReferenceOption = None,
     mm_per_px: sources.ScaleOption = None,
