@@ -20,7 +20,7 @@ from tactilevision.files.runs import Ticker
 from tactilevision.files.writing import as_json, write_json
 
 FigureFormat = Literal["png", "svg", "pdf"]  # plots.style.FORMS, which is slow to import
-OutOption = Annotated[Path, typer.Option("--out", "-o", help="Write the results into this folder; it is made.")]
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="Write the results into this folder.")]
 FormatOption = Annotated[
     FigureFormat,
     typer.Option(
