@@ -60,6 +60,8 @@ def _remedy(given: Any) -> str:
         return "Read a recording's frame with tactilevision.read_frame."
     if given.ndim == 2 or given.shape[-1:] == (1,):
         return "Record in colour: slopes cannot be read from grey pictures."
+    if given.ndim == 4:
+        return "Give one frame of the batch; a sensor has read_batch."
     if given.ndim == 3 and given.shape[-1] == 4:
         return "Drop the fourth channel: rgb[..., :3]."
     if given.ndim == 3 and given.shape[0] == 3 and given.shape[-1] != 3:
