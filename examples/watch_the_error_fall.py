@@ -31,7 +31,7 @@ result.plot_fit()
 # %%
 # A table has a row a press. These fit worst.
 presses = result.to_frame()
-presses.nlargest(5, "rms_residual_N")[["press", "indenter", "depth_mm", "force_N", "fitted_N", "rms_residual_N"]]
+presses.nlargest(5, "rms_residual_N")[["press", "indenter", "depth_mm", "force_N", "rms_residual_N"]]
 
 # %%
 # Do all punches fail alike?
@@ -51,7 +51,8 @@ diagnosis.plot_residuals()
 # The sizes of the effect, with 95 % intervals.
 for effect in diagnosis.effects:
     for name, size in effect.parameters:
-        print(name, size.value, size.interval95, size.unit)
+        low, high = size.interval95 or (float("nan"), float("nan"))
+        print(f"{name} {size.value:.4f} {size.unit}, {low:.4f} to {high:.4f}")
 
 # %%
 # Add the effect by hand. The same works with effects of your own.
@@ -64,9 +65,9 @@ comparison.plot_fall()
 
 # %%
 # Young's modulus before and after, with the allowance for what may be unseen.
-before, after = diagnosis.material.before.youngs_modulus, diagnosis.material.after.youngs_modulus
-print(f"E {before.value:.4f} MPa, {before.interval95}")
-print(f"E {after.value:.4f} MPa, {after.interval95}")
+for words, material in (("before", diagnosis.material.before), ("after", diagnosis.material.after)):
+    low, high = material.youngs_modulus.interval95 or (float("nan"), float("nan"))
+    print(f"E {words}: {material.youngs_modulus.value:.4f} MPa, {low:.4f} to {high:.4f}")
 
 # %%
 # Arrays from elsewhere are fitted by the same model. ``open_workbench(recording)`` shows all of this as a page.
