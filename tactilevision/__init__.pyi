@@ -17,9 +17,15 @@ from .mechanics.flat_contact import FlatContact as FlatContact
 from .mechanics.kappa import kappa as kappa
 from .mechanics.material import write_material as write_material
 from .mechanics.punch_curve import punch_curve as punch_curve
-from .pipeline import calibrate_recording as calibrate_recording, diagnose_recording as diagnose_recording
+from .notebook import open_workbench as open_workbench
+from .pipeline import (
+    calibrate_recording as calibrate_recording,
+    compare_recordings as compare_recordings,
+    diagnose_recording as diagnose_recording,
+    fit as fit,
+)
 from .press.certification import certify as certify
-from .profile.model import Seen as Seen, SeenBatch as SeenBatch
+from .profile.model import Seen as Seen
 from .profile.sensor import CalibratedSensor as CalibratedSensor, load_sensor as load_sensor
 from .recording.folder import read_folder as read_folder
 from .recording.model import BadFrame as BadFrame, Recording as Recording

@@ -65,7 +65,16 @@ def check_known(name: str, known: Iterable[str], *, what: str, where: object) ->
     """Raise InputError for a name that is not among the `known`; `what` is the fault."""
     names = list(known)
     if name not in names:
-        raise InputError(what, where=where, value=name, remedy="Known are " + ", ".join(names) + ".")
+        remedy = f"{did_you_mean(name, names)}Known are {', '.join(names)}."
+        raise InputError(what, where=where, value=name, remedy=remedy)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return the question for the most similar known name, or nothing where none is similar."""
+    from difflib import get_close_matches  # takes a while to load
+
+    near = get_close_matches(name, list(known), n=1)
+    return f"Did you mean {near[0]}? " if near else ""
 
 
 def library(name: str, *, extra: str, where: object) -> Any:
@@ -73,7 +82,10 @@ def library(name: str, *, extra: str, where: object) -> Any:
     try:
         return import_module(name)
     except ImportError as fault:
-        what, remedy = f"the package {name.partition('.')[0]} is missing", f"pip install 'tactilevision[{extra}]'."
+        what, remedy = (
+            f"the package {name.partition('.')[0]} is missing",
+            f"pip install '.[{extra}]' in the repository.",
+        )
         raise InputError(what, where=where, remedy=f"Install it: {remedy}") from fault
 
 

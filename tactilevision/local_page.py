@@ -45,6 +45,7 @@ POLICY = (
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 KINDS = MimeTypes()  # by the endings of files, without those that this machine adds
+FRAMED = "frame-ancestors http://127.0.0.1:* http://localhost:*"  # pages of this machine, as notebooks are
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
@@ -76,6 +77,7 @@ class LocalPage:
     The first two return an Answer, a dictionary that is sent as JSON, or None for an unknown name. An InputError
     is reported by its message, a KeyError, ValueError or TypeError as a request that is not understood.
     `protocols` are those of a websocket that `converse` speaks, `origins` the foreign pages that may open one.
+    With `framed`, other pages of this machine may show it in a frame.
     """
 
     protocols: ClassVar[tuple[str, ...]] = ()
@@ -88,8 +90,12 @@ class LocalPage:
         port: int = 0,
         headers: Mapping[str, str] | None = None,
         option: str = "--port",
+        framed: bool = False,
     ) -> None:
-        self.files, self.headers = files, {**HEADERS, **(headers or {})}
+        self.files, self.headers, self.framed = files, {**HEADERS, **(headers or {})}, framed
+        if framed:
+            policy = self.headers["Content-Security-Policy"].replace("frame-ancestors 'none'", FRAMED)
+            self.headers["Content-Security-Policy"] = policy
         self.token = secrets.token_urlsafe(24)
         try:
             self._server = _Listener((LOCALHOST, port), self)
@@ -242,7 +248,7 @@ class _Handler(BaseHTTPRequestHandler):
         _, token, *rest = [*path.split("/", 2), "", ""]
         if self._size < 0 or (self._size and not post):
             self._refuse(400, "the request cannot be parsed")
-        elif not _comes_from_page(self.headers, page.hosts, post=post, others=page.origins if stream else None):
+        elif not _comes_from_page(self.headers, page, post=post, stream=stream):
             self._refuse(403, "this page answers its own requests only")
         elif not hmac.compare_digest(token.encode("utf-8", "replace"), page.token.encode()):
             self._refuse(404, "the address has no token, or another's: open the one that was printed")
@@ -311,21 +317,24 @@ def _json(content: dict[str, Any]) -> Answer:
     return Answer("application/json", as_json(content).encode())
 
 
-def _comes_from_page(
-    headers: Any, hosts: tuple[str, ...], *, post: bool, others: re.Pattern[str] | None = None
-) -> bool:
-    """Return whether a request is this page's own, of one of the `others`, or of a person who opens its address.
+def _comes_from_page(headers: Any, page: LocalPage, *, post: bool, stream: bool) -> bool:
+    """Return whether a request is this page's own, of one of its `origins`, or of a person who opens its address.
+
+    Of a `framed` page also that of a page which opens it in a frame; the policy then says which one may show it.
 
     Origin or Sec-Fetch-Site shows another site's page, Host a foreign name that resolves to this machine.
     """
-    if headers.get_all("Host", []) not in [[host] for host in hosts]:
+    if headers.get_all("Host", []) not in [[host] for host in page.hosts]:
         return False
-    if others is not None and others.fullmatch(headers.get("Origin", "")):
+    if stream and page.origins.fullmatch(headers.get("Origin", "")):
+        return True
+    opens = (headers.get("Sec-Fetch-Dest"), headers.get("Sec-Fetch-Mode")) == ("iframe", "navigate")
+    if page.framed and opens and not post:
         return True
     if headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
         return False
     origin = headers.get("Origin")
-    return origin in [f"http://{host}" for host in hosts] if post or origin is not None else True
+    return origin in [f"http://{host}" for host in page.hosts] if post or origin is not None else True
 
 
 # Messages over a websocket (RFC 6455): unfragmented ones of at most MAX_BODY from a browser, any size to it.

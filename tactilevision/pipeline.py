@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.inputs.arrays import measured_of, samples_of
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations, leave_out
@@ -241,7 +243,7 @@ def diagnose_recording(
 
 def compare_recordings(
     recordings: Given | Sequence[Given],
-    effects: Sequence[Effect],
+    effects: Sequence[Effect | str],
     *,
     left_out: Sequence[str] = (),
     prior: bool = True,
@@ -251,7 +253,8 @@ def compare_recordings(
 ) -> Comparison:
     """Return the errors of the base law and of `effects` added one after the other; presses `left_out` not fitted.
 
-    The other parameters and the errors raised are those of `diagnose_recording`.
+    An effect is one of the catalogue by its key, or one of your own. The other parameters and the errors raised
+    are those of `diagnose_recording`.
     """
     heard = listener or Collected()
     _, data, known_of_nu = _to_compare(recordings, heard, left_out=left_out, prior=prior)
@@ -295,6 +298,55 @@ def validate_recording(
             heard.warn([f"the data do not fix nu: the middle of its interval, {nu}, is taken, and E that fits it"])
     with heard.progress_bar("finite elements") as progress:
         return validate(data, material, progress=progress)
+
+
+def fit(
+    depth_mm: npt.ArrayLike,
+    force_N: npt.ArrayLike,
+    *,
+    radius_mm: npt.ArrayLike,
+    thickness_mm: npt.ArrayLike,
+    nu: npt.ArrayLike | None = None,
+    time_s: npt.ArrayLike | None = None,
+    press: Sequence[object] | None = None,
+) -> CalibrationResult:
+    """Fit c, beta and E to depths and forces of flat punches on a bonded layer; the model is that of `calibrate`.
+
+        P = c w (1 + beta w/h),    c = 2 E a kappa(a/h, nu) / (1 - nu^2)
+
+    Parameters
+    ----------
+    depth_mm, force_N
+        Depth w and normal force P of N samples, both positive into the gel.
+    radius_mm, thickness_mm
+        Radius a of the punch, one number or one a sample, and thickness h of the gel.
+    nu
+        Poisson's ratio as it is known. None: that of elastomers, .45 to .4999; E then has an interval alone, or a
+        value where several radii determine nu.
+    time_s, press
+        Times (N,) of readings, and labels (N,) of the presses to which they belong (None: to one), whose errors
+        they share. Without times each sample is a press of its own.
+
+    Returns
+    -------
+    CalibrationResult
+        c in N/mm, beta and E in MPa with 95 % intervals; `plot_fit()` and `to_frame()` show the fit.
+
+    Raises
+    ------
+    InputError
+        For arrays of other shapes, numbers that are not finite or positive, and depths that determine no law.
+
+    Examples
+    --------
+    >>> from tactilevision import fit
+    >>> result = fit([0.15, 0.3, 0.4, 0.5, 0.6], [0.57, 1.2, 1.69, 2.18, 2.75], radius_mm=2.5, thickness_mm=3)
+    >>> print(result.c.value, result.beta.value, result.youngs_modulus.interval95)
+    """
+    table = samples_of(
+        depth_mm=depth_mm, force_N=force_N, radius_mm=radius_mm, thickness_mm=thickness_mm, nu=nu, time_s=time_s
+    )
+    return calibrate(measured_of(table, press), test=False)
 
 
 # Certification.

@@ -76,7 +76,7 @@ def point_commands(points: Path) -> tuple[Command, ...]:
     return (
         Command("calibrate", ("calibrate", str(points)), points, changing="points.csv"),
         Command("diagnose", ("diagnose", str(points)), points, changing="points.csv", weight=1),
-        Command("tabulate", ("tabulate", *grid, "--edge-over-h", "0.1", "--processes", "1"), target=(), weight=1),
+        Command("tabulate", ("tabulate", *grid, "--edge-over-h", "0.1", "--workers", "1"), target=(), weight=1),
     )
 
 

@@ -107,7 +107,7 @@ def mitsuba() -> Any:
     try:
         import mitsuba as mi
     except ImportError as fault:
-        raise SystemExit("rendering needs Mitsuba 3: pip install 'tactilevision[render]'") from fault
+        raise SystemExit("rendering needs Mitsuba 3: pip install '.[render]'") from fault
     try:
         mi.set_variant("llvm_ad_rgb")
         mi.Float(1.0).numpy()  # raises where the library is missing

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,11 @@ from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.result.result import CalibrationResult
+from tactilevision.records.display import Displayed, Summary, figure, mN
 from tactilevision.records.measured import Estimate, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +155,8 @@ class OddPresses:
     contrast: PressContrast | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
+@dataclass(frozen=True, slots=True, repr=False)
+class Diagnosis(Displayed):
     """What a diagnosis found.
 
     `verdict` is that of `decision.decide`; `effects` are in the model, `candidates` those that these data cannot
@@ -173,6 +177,31 @@ class Diagnosis:
     limits: Limits
     measure_next: tuple[NextMeasurement, ...]
     fits: Fits
+
+    def summary(self) -> Summary:
+        """Return the verdict, the effects, the errors before and after, E, and what to measure next."""
+        errors, after = self.errors, self.material.after
+        pairs = [(errors.held_out_before, errors.held_out_after), (errors.before, errors.after)]
+        before_N, after_N = pairs[0] if np.isfinite(pairs[0]).all() else pairs[1]
+        values: dict[str, str | Estimate] = {
+            "effects": ", ".join(one.key.replace("_", " ") for one in self.effects) or "none",
+            "candidates": ", ".join(self.candidates).replace("_", " ") if len(self.candidates) > 1 else "",
+            "error": f"{mN(before_N)} → {mN(after_N)}",
+            "repeatability": mN(errors.floor),
+            "E by the base model": self.material.before.youngs_modulus,
+            "E": after.youngs_modulus,
+            "ν": after.poisson_ratio,
+            "measure next": self.measure_next[0].action if self.measure_next else "",
+        }
+        return Summary(f"Diagnosis: {self.verdict}", values, after.warnings)
+
+    def plot_residuals(self) -> Figure:
+        """Draw the residuals of the base model and of the last one against everything recorded."""
+        return figure("plot_residuals", self)
+
+    def plot_fall(self) -> Figure:
+        """Draw the error of the base model and after each effect, next to the repeatability."""
+        return figure("plot_fall", self)
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""

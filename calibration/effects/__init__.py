@@ -13,7 +13,7 @@ from calibration.effects.stiffening import Stiffening
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, did_you_mean
 
 # key and file of each effect; its class has the same name in capitals
 CATALOGUE = (
@@ -54,7 +54,7 @@ def get_effect(key: str) -> Effect:
             "there is no effect of this name",
             where="effect",
             value=key,
-            remedy=f"Choose among: {', '.join(EFFECTS)}.",
+            remedy=f"{did_you_mean(key, EFFECTS)}Choose among: {', '.join(EFFECTS)}.",
         )
     return found
 

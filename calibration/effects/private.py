@@ -191,7 +191,7 @@ def load_effect(path: Path | str) -> Effect:
     """
     file = Path(path)
     if not file.is_file():
-        raise InputError("there is no such file", where="--effect", value=str(file))
+        raise InputError("there is no such file", where=file)
     effect: Effect = _Process(file).call(None, LOAD, (str(file),))
     return effect
 

@@ -6,7 +6,7 @@ import math
 
 from calibration.diagnosis.covariates import IN_WORDS
 from tactilevision.records.constants import KILO, NONZERO
-from tactilevision.records.measured import Estimate
+from tactilevision.records.display import estimate as estimate, number as number
 
 MATERIAL = {
     "youngs_modulus": "Young's modulus E",
@@ -24,31 +24,6 @@ def in_words(key: str) -> str:
 def covariate(name: str) -> str:
     """Return a covariate in words."""
     return IN_WORDS.get(name, name)
-
-
-def number(value: float | None, std: float | None = None) -> str:
-    """Return a number to two digits of its std, in full where that is 0, or to four significant digits."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    if std == 0:
-        return f"{value:.10g}"
-    if std is None or not math.isfinite(std) or std < 0:
-        return f"{value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(std)))
-    return f"{value:.{min(digits, 8)}f}"
-
-
-def estimate(found: Estimate) -> str:
-    """Return a value with its unit and its 95 % interval, or why there is none."""
-    unit, span = "" if found.unit in ("", "1") else f" {found.unit}", ""
-    if found.interval95 is not None:
-        low, high = found.interval95
-        fine = found.std or abs(high - low) / 4
-        span = f"{number(low, fine)} to {number(high, fine)}{unit}"
-    if found.value is None:
-        why = found.why or "no reason recorded"
-        return f"not determined by these data ({why})" + (f"; 95 %: {span}" if span else "")
-    return f"{number(found.value, found.std)}{unit}" + (f" (95 %: {span})" if span else "")
 
 
 def fit_error(held_out_N: float, rms_N: float) -> str:

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,10 +14,15 @@ from calibration.fit.identifiability import Identified
 from calibration.fit.least_squares import Fit, r_squared
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
+from tactilevision.errors import library
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_MAX, Z95
+from tactilevision.records.display import Displayed, Summary, figure, mN
 from tactilevision.records.measured import Estimate, Material, Pair
 from tactilevision.records.rig import Gel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The outcome of a calibration, and its form on disk.
 
@@ -62,8 +67,8 @@ class ModelTest:
         return {"p": self.p, "suspects": suspects, **lists}
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationResult(Identified):
+@dataclass(frozen=True, slots=True, repr=False)
+class CalibrationResult(Displayed, Identified):
     """E, nu, c, beta with their intervals and assumptions, and how well the law fits.
 
     `covariance` (4, 4) is of COVARIANCE_OF; `presses_rejected` pairs (press, reason); `by_radius` (radius, c,
@@ -83,6 +88,48 @@ class CalibrationResult(Identified):
     routes: tuple[Route, ...] = ()
     held_out_N: float = float("nan")
     model_test: ModelTest | None = None
+
+    def summary(self) -> Summary:
+        """Return the material, the presses and the errors."""
+        kept = len(self.presses_accepted)
+        values: dict[str, str | Estimate] = {
+            "E": self.youngs_modulus,
+            "ν": self.poisson_ratio,
+            "c": self.c,
+            "β": self.beta,
+            "presses": f"{kept} of {kept + len(self.presses_rejected)} accepted",
+            "error on held-out presses": mN(self.held_out_N),
+            "repeatability": mN(self.noise_floor_N),
+        }
+        return Summary(f"Calibration by the law {self.law}", values, self.warnings)
+
+    def plot_fit(self) -> Figure:
+        """Draw the fitted law through the measured forces over depth, and its residual."""
+        return figure("plot_fit", self)
+
+    def to_frame(self) -> Any:
+        """Return a pandas.DataFrame, a row a press: its deepest sample, its rms residual, or why it is rejected.
+
+        Raises InputError where pandas is missing (extra `notebook`).
+        """
+        pandas = library("pandas", extra="notebook", where="to_frame")
+        data, fitted = self.fitted.data, self.fitted
+        deepest = [one.start + int(np.argmax(data.depth_mm[one])) for one in data.spans]
+        rms_N = np.sqrt(np.bincount(data.press, fitted.residual_N**2) / np.bincount(data.press))
+        table = {
+            "press": list(data.presses.label),
+            "indenter": [data.indenters[k].name for k in data.presses.indenter.tolist()],
+            "radius_mm": data.presses.radius_mm,
+            "depth_mm": data.depth_mm[deepest],
+            "force_N": data.normal_N[deepest],
+            "fitted_N": fitted.force_N[deepest],
+            "rms_residual_N": rms_N,
+            "accepted": True,
+            "reason": "",
+        }
+        rejected = [{"press": press, "accepted": False, "reason": why} for press, why in self.presses_rejected]
+        rows = [*pandas.DataFrame(table).to_dict("records"), *rejected]
+        return pandas.DataFrame(rows, columns=list(table))
 
     def noted(self, *warnings: str, flags: Sequence[str] = ()) -> CalibrationResult:
         """Return the result with more warnings and flags."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,7 +33,11 @@ from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records.constants import KILO, NONZERO, ROUNDING, TINY
+from tactilevision.records.display import Displayed, Summary, figure, mN
 from tactilevision.records.measured import Estimate, Floats, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
 #
@@ -181,8 +185,8 @@ class Compared:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+@dataclass(frozen=True, slots=True, repr=False)
+class Comparison(Displayed):
     """Models in the order in which effects were added, on the same measurements.
 
     `stated` are the measurements as recorded, without what else is known of nu. `left_out` are the effects that
@@ -196,6 +200,21 @@ class Comparison:
     left_out: tuple[tuple[str, str], ...] = ()
     pictured: tuple[Compared, ...] = ()
     suggested: tuple[str, ...] = ()
+
+    def summary(self) -> Summary:
+        """Return the error of each model on held-out presses (fitted ones where none could be), and E."""
+        last = self.models[-1]
+        errors_N = {m.name: m.held_out_N if np.isfinite(m.held_out_N) else m.rms_N for m in self.models}
+        values: dict[str, str | Estimate] = {name: f"error {mN(error)}" for name, error in errors_N.items()}
+        values["repeatability"] = mN(last.repeatability_N)
+        if last.material is not None:
+            values |= {"E": last.material.youngs_modulus, "ν": last.material.poisson_ratio}
+        values |= {f"without {key}": why for key, why in self.left_out}
+        return Summary("Comparison of models", values)
+
+    def plot_fall(self) -> Figure:
+        """Draw the error of each model, next to the repeatability."""
+        return figure("plot_fall", self)
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the content of comparison.json: the last model of the force names effects to try."""

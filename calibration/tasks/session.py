@@ -129,7 +129,7 @@ class History:
 
     def command(self, name: str = "compare") -> str:
         """Return the command that repeats the analysis with these effects, as a shell takes it."""
-        steps = [("--effect", s.path) if s.path else ("--with", s.key) for s in self.steps]
+        steps = [("--with", s.path or s.key) for s in self.steps]
         steps += [("--leave-out", press) for press in self.left_out]
         how = ([] if self.prior else ["--no-prior"]) + (["--seed", str(self.seed)] if self.seed else [])
         return shlex.join(["tactilevision", name, *map(as_path, self.recordings), *chain(*steps), *how])

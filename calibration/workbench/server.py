@@ -474,11 +474,11 @@ PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-in
 class Server(LocalPage):
     """The page while it is open."""
 
-    def __init__(self, bench: Bench, port: int = 0) -> None:
+    def __init__(self, bench: Bench, port: int = 0, *, framed: bool = False) -> None:
         self.bench = bench
         script = Answer("text/javascript; charset=utf-8", plotly(), KEPT)  # fails here where it is missing
         files = page_files(Path(__file__).parent / "page") | {PLOTLY: script}
-        super().__init__(files, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
+        super().__init__(files, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY}, framed=framed)
 
     def __exit__(self, *fault: object) -> None:
         self.bench.end()

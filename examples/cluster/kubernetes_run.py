@@ -1,6 +1,6 @@
 """A Dask cluster on Kubernetes, and `tactilevision depth` on it: `python kubernetes_run.py RECORDINGS OUT`.
 
-Needs `pip install dask-kubernetes 'tactilevision[cluster]'`, the Dask operator in the cluster, and a volume claim
+Needs `pip install dask-kubernetes '.[cluster]'`, the Dask operator in the cluster, and a volume claim
 that this process mounts at the same place, /data: workers read and write there. IMAGE is yours; it holds the same
 version of tactilevision as this process.
 """

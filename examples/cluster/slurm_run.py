@@ -1,6 +1,6 @@
 """A Dask cluster on Slurm, and `tactilevision depth` on it: `python slurm_run.py RECORDINGS OUT`.
 
-Needs `pip install dask-jobqueue 'tactilevision[cluster]'`. Run it on a login node, or in a small job.
+Needs `pip install dask-jobqueue '.[cluster]'`. Run it on a login node, or in a small job.
 Queue, memory and time are those of a made-up site: write yours.
 """
 

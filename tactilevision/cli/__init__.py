@@ -51,12 +51,12 @@ def _ready_streams() -> None:
 
 def _run() -> int:
     from tactilevision.cli.app import app
-    from tactilevision.cli.console import INTERRUPTED, report_failure, warned
+    from tactilevision.cli.console import INTERRUPTED, begin, report_failure
     from tactilevision.errors import InputError
 
     if "" in sys.argv[1:]:  # as a path it would be the current folder
         return report_failure(InputError("an argument is empty", remedy="Is a variable of the shell unset?"))
-    warned.clear()
+    begin()
     try:
         if app(standalone_mode=False) == INTERRUPTED:  # typer returns a number after Ctrl-C
             return report_failure(KeyboardInterrupt())

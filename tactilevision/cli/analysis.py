@@ -31,12 +31,13 @@ from tactilevision.records.constants import KILO, NU_SILICONE
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 Private = Annotated[
-    list[Path] | None, typer.Option("--effect", metavar="FILE.py", help="An effect of your own; the file is run.")
+    list[Path] | None,
+    typer.Option("--effect", metavar="FILE.py", help="Offer an effect of your own; the file is run."),
 ]
-Seed = Annotated[int, typer.Option(min=0, max=10**9, help="Of the bootstrap and the permutations.")]
+Seed = Annotated[int, typer.Option(min=0, max=10**9, help="Set the seed of the bootstrap and the permutations.")]
 TimeLimit = Annotated[
     float | None,
-    typer.Option("--time-limit", min=1, metavar="SECONDS", help="End with the best answer so far, and say so."),
+    typer.Option("--time-limit", min=1, metavar="SECONDS", help="End after so long with the best answer so far."),
 ]
 
 
@@ -45,7 +46,11 @@ def diagnose(
     out: console.OutOption = Path("diagnosis_out"),
     known: Annotated[
         list[str] | None,
-        typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
+        typer.Option(
+            "--with",
+            metavar="KEY|FILE.py",
+            help="Put an effect into the model from the start: a key, or the file of one of your own.",
+        ),
     ] = None,
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
@@ -72,7 +77,7 @@ def diagnose(
 
 def new_effect(
     path: Annotated[Path, typer.Argument(help="Python file to write.")],
-    key: Annotated[str, typer.Option(help="The effect's name.")] = "my_effect",
+    key: Annotated[str, typer.Option(help="Name the effect.")] = "my_effect",
 ) -> None:
     """Write a template of an effect of your own, for --effect."""
     write_template(path, key)
@@ -86,9 +91,8 @@ def compare(
         list[str] | None,
         typer.Option(
             "--with",
-            "--effect",
             metavar="KEY|FILE.py",
-            help="An effect to add, in this order: a key, or the file of one of your own, which is run.",
+            help="Add effects in the order given, by key, or by the file of one of your own, which is run.",
         ),
     ] = None,
     prior: console.PriorOption = True,
@@ -98,8 +102,7 @@ def compare(
     json: console.JsonOption = None,
     time_limit: TimeLimit = None,
     left_out: Annotated[
-        list[str] | None,
-        typer.Option("--leave-out", metavar="PRESS", help="A press that is not fitted (repeatable)."),
+        list[str] | None, typer.Option("--leave-out", metavar="PRESS", help="Do not fit this press (repeatable).")
     ] = None,
 ) -> None:
     """Add effects one after the other and watch the error, on held-out presses, next to the repeatability."""
@@ -134,13 +137,14 @@ def _model_line(model: Compared) -> str:
 
 def steps(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What diagnose or compare wrote.")],
-    undo: Annotated[bool, typer.Option("--undo", help="Take the last step back.")] = False,
-    redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Undo the last step.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", help="Redo the step that was undone last.")] = False,
     private: Private = None,
     form: console.FormatOption = "png",
     pictures: console.PicturesOption = "few",
+    json: console.JsonOption = None,
 ) -> None:
-    """Show the steps of an analysis, take one back, put one back; the folder's results follow.
+    """List the steps of an analysis; undo and redo them. The folder's results follow.
 
     With an effect of your own among the steps that stay, name its file again.
     """
@@ -154,6 +158,7 @@ def steps(
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
     console.say(history.script(folders.again_in(folder)).splitlines()[-1])
+    console.hand_over(history.as_json(), json)
 
 
 def _step_errors(step: Step) -> str:
@@ -176,14 +181,17 @@ def workbench(
     state: Annotated[
         Path | None,
         typer.Option(
-            "--state", metavar="FOLDER", help="Continue an analysis: the folder that workbench or compare wrote."
+            "--state", metavar="FOLDER", help="Continue the analysis in a folder that workbench or compare wrote."
         ),
     ] = None,
     private: Private = None,
     prior: console.PriorOption = True,
     seed: Seed = 0,
-    port: Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: a free one.")] = 0,
+    port: Annotated[int, typer.Option(help="Serve the page on this port (0: any).")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    framed: Annotated[
+        bool, typer.Option("--framed", help="Let a notebook on this machine frame the page.")
+    ] = False,
 ) -> None:
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
     plotly()
@@ -199,7 +207,7 @@ def workbench(
     bench = Bench(
         opened, history, export=_export, keep=lambda kept: folders.write_history(kept, out, out), out=out
     )
-    with Server(bench, port) as server:
+    with Server(bench, port, framed=framed) as server:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
         if browser:
             typer.launch(server.address)

@@ -15,7 +15,6 @@ from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, design_
 from tactilevision.batch.tree import find_recordings
 from tactilevision.cli import console
 from tactilevision.errors import InputError
-from tactilevision.files.writing import write_json
 from tactilevision.pipeline import calibrate_each
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Pair
@@ -30,7 +29,7 @@ def calibrate(
     out: console.OutOption = Path("calibration_out"),
     law: Annotated[
         Literal["default", "paper"],
-        typer.Option(help="default: kappa from first principles at the true a/h; paper: the published route."),
+        typer.Option(help="Fit from first principles at the true a/h, or by the published route (paper)."),
     ] = "default",
     prior: console.PriorOption = True,
     test: Annotated[bool, typer.Option("--test/--no-test", help="Test whether the law explains the data.")] = True,
@@ -66,9 +65,9 @@ def calibrate(
 
 # `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.
 
-Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="Numbers (mm) with commas between.")]
-Range = Annotated[str | None, typer.Option(metavar="VALUE", help="A guess, or the two ends of a range: .1,.4")]
-Size = Annotated[float | None, typer.Option(help="A length in mm; omitted: as the recording states, or unknown.")]
+Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List lengths in mm, with commas between.")]
+Range = Annotated[str | None, typer.Option(metavar="VALUE", help="Give a guess, or two ends of a range: .1,.4.")]
+Size = Annotated[float | None, typer.Option(help="State a length in mm; by default as the recording does.")]
 
 
 def plan(
@@ -82,16 +81,16 @@ def plan(
     height_std: Size = None,
     modulus: Range = None,
     poisson_ratio: Range = None,
-    poisson_ratio_std: Annotated[float | None, typer.Option(help="nu is known beforehand with this std.")] = None,
-    lubricated: Annotated[bool, typer.Option("--lubricated", help="The presses will be.")] = False,
-    repeats: Annotated[int | None, typer.Option(help="Presses of each height; the recording's, or 3.")] = None,
-    depth_noise: Annotated[float | None, typer.Option(help="Std of one press's depth, mm.")] = None,
-    force_noise: Annotated[float | None, typer.Option(help="Std of one press's force, N.")] = None,
-    gain_noise: Annotated[float | None, typer.Option(help="Std of one press's force, percent of it.")] = None,
-    within: Annotated[float, typer.Option(help="Half width of E's 95 % interval to reach, percent.")] = 3.0,
-    within_nu: Annotated[float | None, typer.Option(help="Also that of nu, in units of nu.")] = None,
-    within_c: Annotated[float | None, typer.Option(help="Also that of c, percent.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the plan here too, as JSON.")] = None,
+    poisson_ratio_std: Annotated[float | None, typer.Option(help="State the std of nu.")] = None,
+    lubricated: Annotated[bool, typer.Option("--lubricated", help="Plan for lubricated presses.")] = False,
+    repeats: Annotated[int | None, typer.Option(help="Plan so many a height; by default as recorded.")] = None,
+    depth_noise: Annotated[float | None, typer.Option(help="State the std of a press's depth, mm.")] = None,
+    force_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, N.")] = None,
+    gain_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, percent.")] = None,
+    within: Annotated[float, typer.Option(help="Reach this half width of E's 95 % interval, percent.")] = 3.0,
+    within_nu: Annotated[float | None, typer.Option(help="Also reach this half width of nu.")] = None,
+    within_c: Annotated[float | None, typer.Option(help="Also reach this half width of c, percent.")] = None,
+    json: console.JsonOption = None,
 ) -> None:
     """Forecast E, nu and c from a design, and find the fewest presses that reach a goal.
 
@@ -112,9 +111,7 @@ def plan(
     )
     found = find_plan(design, goal=Goal(within / 100, within_nu, _share(within_c)))
     console.say(*_report(found))
-    if out is not None:
-        write_json(out, found.as_json())
-        console.say(f"wrote {out}")
+    console.hand_over(found.as_json(), json)
 
 
 def _usual(path: Path | None, thickness_mm: float | None) -> Design:

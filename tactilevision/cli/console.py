@@ -17,20 +17,47 @@ from calibration.inputs.deadline import Progress
 from tactilevision.cluster import connect
 from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated, one_line
 from tactilevision.files.runs import Ticker
-from tactilevision.files.writing import write_json
+from tactilevision.files.writing import as_json, write_json
 
 FigureFormat = Literal["png", "svg", "pdf"]  # plots.style.FORMS, which is slow to import
-OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="Write the results into this folder.")]
 FormatOption = Annotated[
     FigureFormat,
     typer.Option(
-        "--format", help="Also write each figure in this form; PNG is always written, and used in the report."
+        "--format", help="Also write each figure in this form. PNG is always written, and used in the report."
     ),
 ]
 PicturesOption = Annotated[
     Literal["all", "few", "none"],
-    typer.Option("--pictures", help="Presses to draw; few: the rejected ones and those that fit worst."),
+    typer.Option("--pictures", help="Draw all presses, or a few: the rejected and the worst ones."),
 ]
+
+
+STANDARD_OUTPUT = Path("-")  # the file of --json that stands for it
+_present = {"quiet": False, "prints JSON": False}  # what the present command was asked for
+warned = set[str]()  # warnings that the present command has printed
+
+
+def begin() -> None:
+    """Forget what an earlier command of this process printed, and how."""
+    warned.clear()
+    be_quiet(False)
+    _to_program(None)
+
+
+def be_quiet(wanted: bool) -> bool:
+    """Print no summary and no progress from now on, if `wanted`."""
+    _present["quiet"] = wanted
+    return wanted
+
+
+def _to_program(path: Path | None) -> Path | None:
+    """Return the path of --json; keep standard output free of the summary where that is "-"."""
+    _present["prints JSON"] = path == STANDARD_OUTPUT
+    return path
+
+
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", callback=be_quiet, help="Print warnings alone.")]
 
 
 def _reached(context: typer.Context, address: str | None) -> str | None:
@@ -46,11 +73,19 @@ ClusterOption = Annotated[
         "--cluster",
         metavar="ADDRESS",
         callback=_reached,
-        help="A Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
+        help="Use a Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
     ),
 ]
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one a core.")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Use so many processes; by default one a core.")]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=_to_program,
+        help="Also write the result to this file as JSON; - prints it instead.",
+    ),
+]
 
 PriorOption = Annotated[
     bool,
@@ -72,13 +107,15 @@ INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 BAR_EVERY_S = 0.2  # s between two updates of a bar
 LINE_EVERY_S = 10  # s between two lines of progress where there is no terminal
-warned = set[str]()  # warnings that the present command has printed
 _FIRST = 10  # lines of a long list that are printed
 
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
     """Show a bar with the remaining time on standard error, or, without a terminal, a line every ten seconds."""
+    if _present["quiet"]:
+        yield lambda done, total, what="": None
+        return
     if not sys.stderr.isatty():
         with _progress_lines(title) as advance:
             yield advance
@@ -121,16 +158,21 @@ def _progress_lines(title: str) -> Iterator[Progress]:
 
 def say(*lines: str) -> None:
     """Print the human summary to standard output. Raises OutputError where that is a file on a full disk."""
-    for line in lines:
-        try:
-            typer.echo(one_line(line))
-        except BrokenPipeError:
-            raise
-        except OSError as fault:
-            _discard(sys.stdout)
-            raise OutputError(
-                f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
-            ) from fault
+    for line in () if _present["quiet"] else lines:
+        (_complain if _present["prints JSON"] else _print)(one_line(line))
+
+
+def _print(text: str) -> None:
+    """Print a text. Raises OutputError where standard output is a file on a full disk."""
+    try:
+        typer.echo(text)
+    except BrokenPipeError:
+        raise
+    except OSError as fault:
+        _discard(sys.stdout)
+        raise OutputError(
+            f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
+        ) from fault
 
 
 def _complain(line: str) -> None:
@@ -165,8 +207,11 @@ def warn(lines: Sequence[str]) -> None:
 
 
 def hand_over(result: Any, path: Path | None) -> None:
-    """Write the result for a program, if --json names a file."""
+    """Write the result for a program to the file of --json, or print it where that is "-"."""
     if path is None:
+        return
+    if path == STANDARD_OUTPUT:
+        _print(as_json(result).rstrip())
         return
     try:
         write_json(path, result)

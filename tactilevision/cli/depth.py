@@ -35,6 +35,7 @@ from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import Z95
 from tactilevision.records.maps import TractionMap, flag_messages
 from tactilevision.records.measured import Material
+from tactilevision.sensors import usual_gel
 
 MOST_S = 60  # s, the longest diagnosis within `force`
 
@@ -48,18 +49,16 @@ def depth(
     mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: corrects faces."),
+        typer.Option(exists=True, dir_okay=False, help="Correct faces by calibration.json of this recording."),
     ] = None,
     form: Annotated[
-        Literal["tiff", "zarr"], typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
+        Literal["tiff", "zarr"], typer.Option("--format", help="Write one TIFF a frame, or one Zarr store.")
     ] = "tiff",
-    with_std: Annotated[
-        bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
-    ] = False,
+    with_std: Annotated[bool, typer.Option("--std", help="Also write the depths' std, into depth_std/.")] = False,
     even_so: source.EvenSoOption = False,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
-    pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
+    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the deepest.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
@@ -176,7 +175,7 @@ def _draw(
 def force(
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; by default the profile's.")
+        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of the profile.")
     ] = None,
     out: console.OutOption = Path("force_out"),
     sensor: source.SensorOption = None,
@@ -184,10 +183,10 @@ def force(
     method: source.MethodOption = None,
     even_so: source.EvenSoOption = False,
     mm_per_px: source.ScaleOption = None,
-    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="How tractions are stored.")] = "npz",
+    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="Write tractions like this.")] = "npz",
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
-    pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
+    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the strongest.")] = 3,
     diagnosis: Annotated[
         bool,
         typer.Option("--diagnosis/--no-diagnosis", help="Find the cause of a difference from the F/T sensor."),
@@ -196,8 +195,8 @@ def force(
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    material = _material(chosen, calibration)
     recording = with_gel(chosen.open(path), calibration)
+    recording, material = _material(chosen, calibration, recording)
     with console.progress_bar("calibrating the light:") as progress:
         profiled, light = chosen.calibrated(recording), chosen.light(recording, progress)
         reconstructor, anchor = source.open_face_correction(recording, light, calibration=calibration)
@@ -285,18 +284,24 @@ def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
     return content
 
 
-def _material(chosen: source.Choice, calibration: Path | None) -> Material:
-    """Read E and nu from calibration.json, or else the profile. Raises InputError where there is neither."""
+def _material(chosen: source.Choice, calibration: Path | None, recording: Recording) -> tuple[Recording, Material]:
+    """Return the recording with its gel, and E and nu: of calibration.json, of the profile, or of a usual gel.
+
+    Warns where they are assumed. Raises InputError where there is none of these.
+    """
     profile = chosen.profile
     if calibration is not None:
-        return read_material(calibration)
-    if profile is None:
-        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor."
-        raise InputError("E and nu of the gel are not known", where="force", remedy=remedy)
-    if profile.material is None:
-        remedy = "Name a calibration.json with --calibration, or make the profile with one."
-        raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
-    return profile.material
+        return recording, read_material(calibration)
+    if profile is not None and profile.material is not None:
+        return recording, profile.material
+    assumed = usual_gel(recording.sensor)
+    if assumed is None:
+        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile that has them."
+        where = "force" if profile is None else profile.path
+        raise InputError("E and nu of the gel are not known", where=where, remedy=remedy)
+    gel, material = assumed
+    console.warn([f"E and nu of a usual {recording.sensor.kind} are assumed: forces may be off by half"])
+    return replace(recording, sensor=replace(recording.sensor, gel=gel)), material
 
 
 def _say_shear(shear: dict[str, int | str]) -> None:

@@ -35,7 +35,7 @@ TABLE = "live.csv"
 
 def live(
     camera: Annotated[
-        str, typer.Option(help="A camera's number, a video, or a folder of pictures.", metavar="0|VIDEO|FOLDER")
+        str, typer.Option(help="Read a camera's number, a video, or a folder.", metavar="0|VIDEO|FOLDER")
     ] = "0",
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
@@ -44,16 +44,18 @@ def live(
     even_so: source.EvenSoOption = False,
     indenter: Annotated[str | None, typer.Option(help="Look for the face of this indenter.")] = None,
     form: Annotated[
-        Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Format of the camera's frames.")
+        Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Choose the format of the camera's frames.")
     ] = None,
-    rate: Annotated[float, typer.Option(min=0.1, help="Frames a second of a video or folder.")] = 30,
+    rate: Annotated[float, typer.Option(min=0.1, help="Play at so many frames a second.")] = 30,
     every: Annotated[bool, typer.Option("--every", help="Drop no frame of a video or folder.")] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
-    preview: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of a page; 0: a free one.")] = None,
-    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove: pictures, maps, wrench.")] = False,
-    mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for live.csv; made if missing.")] = None,
+    preview: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Serve a page on this port (0: any).")
+    ] = None,
+    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove with maps and wrench.")] = False,
+    mcap: Annotated[Path | None, typer.Option(help="Write what Foxglove shows here.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write live.csv into this folder.")] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""

@@ -20,17 +20,17 @@ def import_log(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="A .bag, .db3 or .mcap file, or a ROS 2 bag's folder.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the recording; made if missing.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write the recording into this folder.")],
     frames: Annotated[
         str | None,
-        typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage; the only such topic if omitted."),
+        typer.Option(metavar="TOPIC", help="Read pictures from this topic; by default the only such one."),
     ] = None,
-    wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
-    clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
-    sensor: Annotated[str | None, typer.Option(help="Its kind's name, or its profile (.tvs).")] = None,
+    wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Read WrenchStamped from here.")] = None,
+    clock: Annotated[Clock, typer.Option(help="Take times of the headers or of the log.")] = Clock.HEADER,
+    sensor: Annotated[str | None, typer.Option(help="Name the kind of sensor, or its profile (.tvs).")] = None,
     mm_per_px: source.ScaleOption = None,
     rotation: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Nine numbers: the frame's x, y, z in the wrench's axes.")
+        str | None, typer.Option(metavar="LIST", help="Give the frame's x, y, z in the wrench's axes.")
     ] = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -51,11 +51,11 @@ def import_log(
 
 def export_log(
     path: Annotated[Path, typer.Argument(metavar="RECORDING", help="The recording, which has the frames' times.")],
-    out: Annotated[Path, typer.Option("--out", help="FILE.mcap, FILE.bag (ROS 1), or a ROS 2 folder to make.")],
-    depth: Annotated[Path | None, typer.Option(help="The folder that `tactilevision depth` wrote.")] = None,
-    force: Annotated[Path | None, typer.Option(help="The folder that `tactilevision force` wrote.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write FILE.mcap, FILE.bag or a ROS 2 folder.")],
+    depth: Annotated[Path | None, typer.Option(help="Take what `tactilevision depth` wrote.")] = None,
+    force: Annotated[Path | None, typer.Option(help="Take what `tactilevision force` wrote.")] = None,
     sensor: source.SensorOption = None,
-    frame_id: Annotated[str, typer.Option(help="Frame of reference of all messages.")] = "gel_pad",
+    frame_id: Annotated[str, typer.Option(help="Name the frame of reference of all messages.")] = "gel_pad",
     json: console.JsonOption = None,
 ) -> None:
     """Write depth (Image, 32FC1, metres) and force (WrenchStamped) to a log. No ROS is needed."""
@@ -70,10 +70,10 @@ def export_log(
 
 def lerobot(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A data set of LeRobot, version 3.")],
-    camera: Annotated[str, typer.Option(metavar="KEY", help="The tactile camera: observation.images.tactile.")],
-    sensor: Annotated[Path, typer.Option(help="The sensor's profile (.tvs).")],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the new data set; made if missing.")],
-    shrink: Annotated[int, typer.Option(min=1, help="Depth as means of blocks of so many pixels squared.")] = 4,
+    camera: Annotated[str, typer.Option(metavar="KEY", help="Name it: observation.images.tactile.")],
+    sensor: Annotated[Path, typer.Option(help="Use this profile (.tvs) of the sensor.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write the data set into this folder.")],
+    shrink: Annotated[int, typer.Option(min=1, help="Average depth over so many pixels each way.")] = 4,
     json: console.JsonOption = None,
 ) -> None:
     """Write a data set with depth, contact and force added; frames are unchanged."""

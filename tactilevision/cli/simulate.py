@@ -34,15 +34,15 @@ from tactilevision.synthetic.simulation import simulate as run
 
 
 def simulate(
-    out: Annotated[Path, typer.Argument(help="Folder of the recording; made if missing.")],
+    out: Annotated[Path, typer.Argument(help="Write the recording into this folder.")],
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same recording.")] = 0,
     frames: Annotated[
         Literal["png", "jpeg", "curves", "points"],
-        typer.Option(help="Format of the pictures; curves or points: no pictures."),
+        typer.Option(help="Choose the format of the pictures. With curves or points there are none."),
     ] = "png",
-    presses: Annotated[int | None, typer.Option(min=1, help="Good presses with each indenter.")] = None,
-    youngs_modulus: Annotated[float | None, typer.Option(help="True Young's modulus in MPa.")] = None,
-    poisson_ratio: Annotated[float | None, typer.Option(help="True Poisson's ratio.")] = None,
+    presses: Annotated[int | None, typer.Option(min=1, help="Make so many with each indenter.")] = None,
+    youngs_modulus: Annotated[float | None, typer.Option(help="Set the true modulus in MPa.")] = None,
+    poisson_ratio: Annotated[float | None, typer.Option(help="Set the true ratio.")] = None,
     faults: Annotated[bool, typer.Option(help="Add one bad press of every kind.")] = True,
     markers: Annotated[bool, typer.Option(help="Print markers on the gel.")] = False,
     shadows: Annotated[bool, typer.Option(help="Let the lamps, strips of 12 by 2 mm, cast shadows.")] = False,
@@ -64,19 +64,19 @@ def simulate(
 
 # `tactilevision tabulate OUT`: solve a grid of punch problems and make a table of them.
 
-Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="Numbers with commas between.")]
+Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List numbers, with commas between.")]
 
 
 def tabulate(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the cases and the table; go on in it.")],
-    law: Annotated[str | None, typer.Option(metavar="LIST", help="neo-hooke, hencky.")] = None,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of cases and table; a second run goes on.")],
+    law: Annotated[str | None, typer.Option(metavar="LIST", help="Solve for neo-hooke, hencky.")] = None,
     friction: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Coulomb's coefficients; inf for no slip.")
+        str | None, typer.Option(metavar="LIST", help="Solve for these coefficients; inf: no slip.")
     ] = None,
     poisson_ratio: Numbers = None,
     a_over_h: Numbers = None,
     edge_over_h: Numbers = None,
-    processes: Annotated[int | None, typer.Option(min=1, help="How many; by default one a core.")] = None,
+    workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -87,17 +87,17 @@ def tabulate(
     """
     grid = _grid(law, friction, poisson_ratio, a_over_h, edge_over_h)
     cases, folder = list(grid.cases()), out / "cases"
-    with _workers(processes, cluster) as workers, console.progress_bar("solving") as progress:
-        now = solve(cases, folder, workers=workers, report=progress)
+    with _workers(workers, cluster) as pool, console.progress_bar("solving") as progress:
+        now = solve(cases, folder, workers=pool, report=progress)
     merge(cases, folder, out=out / "punch.npz", notes={"grid": _card(grid)})
     console.say(f"{len(cases)} cases, {now} of them solved now; wrote {out / 'punch.npz'}, its card and punch.csv")
     console.hand_over({"cases": len(cases), "solved_now": now, "table": str(out / "punch.npz")}, json)
 
 
-def _workers(processes: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
+def _workers(workers: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
     if cluster is not None:
         return cluster_pool(cluster)
-    return nullcontext() if processes == 1 else worker_pool(processes or len(os.sched_getaffinity(0)))
+    return nullcontext() if workers == 1 else worker_pool(workers or len(os.sched_getaffinity(0)))
 
 
 def _grid(
@@ -142,8 +142,7 @@ def validate(
     ],
     out: console.OutOption = Path("validation_out"),
     calibration: Annotated[
-        Path | None,
-        typer.Option(help="calibration.json with E and nu; else the one in PATH, else it is calibrated first."),
+        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of PATH.")
     ] = None,
     form: console.FormatOption = "png",
     json: console.JsonOption = None,

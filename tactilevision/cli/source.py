@@ -33,14 +33,13 @@ from tactilevision.recording.model import Recording, require
 SensorOption = Annotated[
     str | None,
     typer.Option(
-        help="A profile (.tvs) that `calibrate-sensor` wrote; for a bare folder of frames also a sensor's "
-        "name, or a TOML file with a [sensor] table."
+        help="Use a profile (.tvs) of `calibrate-sensor`; for a bare folder, name a sensor or a TOML file of one."
     ),
 ]
 ReferenceOption = Annotated[
     Path | None,
     typer.Option(
-        help="A frame of the untouched gel, or a folder of them; for a bare folder by default its first frame."
+        help="Take this frame of the untouched gel, or a folder of them. By default of a bare folder: the first."
     ),
 ]
 
@@ -57,15 +56,18 @@ ScaleOption = Annotated[
     typer.Option(
         "--mm-per-px",
         callback=check_scale,
-        help="Scale of the (rectified) frames or the depth TIFF; of a bare folder by default guessed.",
+        help="State the scale of the (rectified) frames or the depth TIFF. That of a bare folder is else guessed.",
     ),
 ]
 MethodOption = Annotated[
     str | None,
-    typer.Option(help="polynomial, auto, lookup, network, or a file of `train`; by default the best available."),
+    typer.Option(
+        help="Use polynomial, auto, lookup, network, or a file of `train`. By default it is the best available."
+    ),
 ]
 BallOption = Annotated[
-    float | None, typer.Option(min=0.01, max=1000, help="Radius of all balls, for ball presses without a table.")
+    float | None,
+    typer.Option(min=0.01, max=1000, help="State the radius of all balls, for ball presses without a table."),
 ]
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")

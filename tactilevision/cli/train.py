@@ -30,25 +30,27 @@ from tactilevision.profile.model import Profile
 from tactilevision.profile.sensor import make_profile
 from tactilevision.profile.storage import SUFFIX, check_name, read_profile, write_profile
 from tactilevision.recording.model import Recording
+from tactilevision.sensors import usual_gel
 
 
 def train(
     recording: Annotated[
         Path, typer.Argument(help="A recording, or a folder of ball presses and flats, also of gs_sdk.")
     ],
-    method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "auto",
+    method: Annotated[str, typer.Option(help="Choose polynomial, auto, lookup or network.")] = "auto",
     out: Annotated[
-        Path, typer.Option("--out", help="The method's file; its card and figure are written next to it.")
+        Path, typer.Option("--out", "-o", help="Write the method here, and its card next to it.")
     ] = Path("method.npz"),
-    licence: Annotated[str, typer.Option(help="Licence of the method's file, for its card.")] = "not stated",
+    licence: Annotated[str, typer.Option(help="State the file's licence, for its card.")] = "not stated",
     guide: Annotated[
-        bool, typer.Option("--guide", help="First mark the balls' circles on a page; also writes a profile.")
+        bool, typer.Option("--guide", help="First mark the balls on a page; also writes a profile.")
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the guide's page; 0: a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port (0: any).")] = 0,
     sensor: sources.SensorOption = None,
     reference: sources.ReferenceOption = None,
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
+    json: console.JsonOption = None,
 ) -> None:
     """Calibrate a photometric method for --method FILE.
 
@@ -72,6 +74,7 @@ def train(
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:
         _save_profile(source, made, out)
+    console.hand_over(kept.card.to_json(), json)
 
 
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
@@ -134,21 +137,19 @@ def calibrate_sensor(
     path: Annotated[
         Path, typer.Argument(help="A recording, a folder of ball presses and flats, or one of frames.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The profile's file; its name ends in .tvs.")] = Path(
-        "my_sensor.tvs"
-    ),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Write FILE.tvs.")] = Path("my_sensor.tvs"),
     sensor: Annotated[
-        str | None, typer.Option(help="For a bare folder: a sensor's name, or a TOML file with a [sensor] table.")
+        str | None, typer.Option(help="For a bare folder, name the sensor, or a TOML file with a [sensor] table.")
     ] = None,
     reference: sources.ReferenceOption = None,
     method: sources.MethodOption = None,
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; by default computed here if possible.")
+        Path | None, typer.Option(help="Take E and nu from calibration.json, or else fit them.")
     ] = None,
-    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: depth, no force.")] = False,
-    serial: Annotated[str | None, typer.Option(help="The unit's serial number, where no file states it.")] = None,
+    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: no force is given.")] = False,
+    serial: Annotated[str | None, typer.Option(help="State the unit's serial number, where no file does.")] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
@@ -227,7 +228,8 @@ def _contents(profile: Profile) -> list[str]:
     if gel is None:
         lines.append("  gel: not described; add [sensor.gel] to a TOML file")
     if material is None:
-        lines.append("  no E and nu, so no force: --calibration calibration.json adds them")
+        force = "no force" if usual_gel(profile.sensor) is None else "force only by those of a usual gel, to 50 %"
+        lines.append(f"  no E and nu, so {force}: --calibration calibration.json adds them")
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")

@@ -43,13 +43,11 @@ def view(
         Path, typer.Argument(help="A depth TIFF, what `depth` wrote, or a recording, video, frame or folder.")
     ],
     out: console.OutOption = Path("view_out"),
-    frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if omitted.")] = None,
+    frame: Annotated[str | None, typer.Option(help="Show this frame; by default the deepest of a few.")] = None,
     minus: Annotated[str | None, typer.Option(help="Also draw the difference to this frame or TIFF.")] = None,
-    film: Annotated[
-        str | None, typer.Option(help="Film a press, FIRST:LAST frame or `all` to MP4 or GIF.")
-    ] = None,
+    film: Annotated[str | None, typer.Option(help="Film a press, FIRST:LAST or `all` to MP4 or GIF.")] = None,
     export: Annotated[
-        list[str] | None, typer.Option(help="Also write the map as tiff, npz, zarr, ply or vtk (repeatable).")
+        list[str] | None, typer.Option(help="Also write tiff, npz, zarr, ply or vtk (repeatable).")
     ] = None,
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
@@ -58,7 +56,7 @@ def view(
     terms: Annotated[bool, typer.Option("--terms", help="Also draw the largest term of the deviation.")] = False,
     html: Annotated[bool, typer.Option("--html", help="Also write a page with a surface to turn.")] = False,
     window: Annotated[
-        bool, typer.Option("--window", help="Open a window: frames, profiles by mouse, differences, 3-D.")
+        bool, typer.Option("--window", help="Open a window: frames, profiles by mouse, surface.")
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""

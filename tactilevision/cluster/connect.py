@@ -76,7 +76,7 @@ def open_client(where: str) -> Any:
     try:
         from distributed import Client
     except ImportError as fault:
-        remedy = "pip install 'tactilevision[cluster]', or omit --cluster."
+        remedy = "pip install '.[cluster]' in the repository, or omit --cluster."
         what = "a cluster needs dask.distributed, which is not installed"
         raise ClusterError(what, where=WHERE, remedy=remedy) from fault
     address = address_of(where.removeprefix(INSECURE))

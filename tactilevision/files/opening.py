@@ -104,6 +104,8 @@ def damage(where: object, *, what: str = "is damaged", remedy: str = "Copy it ag
         yield
     except TactilevisionError:
         raise
+    except FileNotFoundError as fault:
+        raise InputError("there is no such file", where=fault.filename or where) from fault
     except Exception as fault:
         said = " ".join(str(fault).split())[:160] or type(fault).__name__
         raise InputError(f"{what}: {said}", where=where, remedy=remedy) from fault

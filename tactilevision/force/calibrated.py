@@ -143,6 +143,9 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
     """Read the content of calibration.json. Raises InputError if it cannot be read."""
     try:
         return read_json(path)
+    except FileNotFoundError as fault:
+        remedy = "Make one with `tactilevision calibrate`."
+        raise InputError("there is no such file", where=path, remedy=remedy) from fault
     except (OSError, InputError) as fault:
         raise InputError(
             "is not a readable calibration",

@@ -58,6 +58,7 @@ BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one is not 
 STILL = 2.0  # thicknesses from a contact, beyond which the gel does not move
 MAX_OF_VIEW = 0.9  # of the view: gel that covers less is flagged as small
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
+ASSUMED = "material_assumed"
 Triple = tuple[float, float, float]
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -126,6 +127,7 @@ class ForceField:
             return self._nothing(grid, seen, height, *flags)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
         flags += [CUT] if is_cut(grid, found, seen) else []
+        flags += [ASSUMED] if self.material.assumed else []
         return self._report(compliance, seen, found, height, tuple(flags))
 
     def _prepared(self, height: HeightMap) -> GelCompliance:

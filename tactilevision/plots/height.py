@@ -57,6 +57,27 @@ def draw_height(height: HeightMap, rgb: Bytes | None = None) -> Figure:
 
 
 @style.house_look
+def draw_map(height: HeightMap, *, std: bool = False) -> Figure:
+    """Draw the map (H, W), in mm, from above with contours and a scale bar; with `std` also its deviation in um.
+
+    Raises InputError where the deviation is asked for and the map states none.
+    """
+    if std and height.std_mm is None:
+        raise InputError("the map states no standard deviation", where=f"height map {height.name}")
+    figure, panels = style.new_figure(style.MAP_IN[0], (1 + std) * style.MAP_IN[1], rows=1 + std)
+    style.colour_bar(panels[0], depth_image(panels[0], height), "depth into the gel (mm)")
+    panels[0].set_title(titled(height, "depth of the gel's surface"))
+    if std:
+        std_um = np.where(height.valid, KILO * np.asarray(height.std_mm, dtype=np.float64), np.nan)
+        top = float(np.nanpercentile(std_um, style.SPAN[1])) if height.valid.any() else 1.0
+        image = style.show_map(panels[1], std_um, extent_mm(height), limits=(0, top))
+        style.colour_bar(panels[1], image, "standard deviation (µm)")
+        style.as_map(panels[1], title="Standard deviation of the depth")
+        scale_bar(panels[1], height)
+    return style.legend_below(figure)
+
+
+@style.house_look
 def draw_normals(height: HeightMap) -> Figure:
     """Draw the tilt of the surface (H, W) in degrees with arrows downhill, and the surface lit from above left."""
     figure, (tilt, lit) = style.new_figure(columns=2)

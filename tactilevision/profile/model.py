@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,9 @@ import numpy.typing as npt
 from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.records.display import Displayed, Summary, number
 from tactilevision.records.maps import Footprint, HeightMap, TractionMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Material, Wrench
+from tactilevision.records.measured import Bools, Bytes, Material, Wrench
 from tactilevision.records.rig import Indenter, Sensor
 
 if TYPE_CHECKING:
@@ -66,11 +67,10 @@ class Profile:
 
 
 Singles = npt.NDArray[np.floating]
-AnyFloats = TypeVar("AnyFloats", Singles, Floats)
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
+@dataclass(frozen=True, slots=True, repr=False)
+class Seen(Displayed):
     """Reading of one frame.
 
     `height` is the map; `contact` (H, W) the mask of contact; `footprint` the face of the sought indenter, None
@@ -84,6 +84,18 @@ class Seen:
     tractions: TractionMap | None
     flags: tuple[str, ...]
 
+    def summary(self) -> Summary:
+        """Return the map's summary with the contact and the force."""
+        found, wrench, (x, y) = self.height.summary(), self.wrench, self.height.mm_per_px
+        force = "not known"
+        if wrench is not None:
+            force = f"fz {number(wrench.force_N[2], wrench.force_std_N[2])} N, std {wrench.force_std_N[2]:.2g} N"
+        values = {**found.values, "contact": f"{self.contact.sum() * x * y:.1f} mm²", "force": force}
+        more = (flag for flag in self.flags if flag not in self.height.flags)
+        return replace(
+            found, title=f"Seen {self.height.name}".rstrip(), values=values, notes=(*found.notes, *more)
+        )
+
     @property
     def std(self) -> Singles | None:
         """Return the standard deviation (H, W) of the depth, mm; None where the method states none."""
@@ -93,59 +105,3 @@ class Seen:
     def wrench(self) -> Wrench | None:
         """Return force (N) and moment (N mm) with their deviations; None where no force is known."""
         return None if self.tractions is None else self.tractions.wrench
-
-
-@dataclass(frozen=True, slots=True)
-class SeenBatch:
-    """Readings of N frames, stacked; `frames` has each by itself.
-
-    A quantity that no frame has is None; one that a frame alone lacks is NaN there.
-    """
-
-    frames: tuple[Seen, ...]
-
-    @property
-    def height(self) -> Singles:
-        """Return depth (N, H, W), mm; NaN where it is not known."""
-        return np.stack([np.where(one.height.valid, one.height.depth_mm, np.nan) for one in self.frames])
-
-    @property
-    def std(self) -> Singles | None:
-        """Return the standard deviation (N, H, W) of the depth, mm; None where the method states none."""
-        return _stacked([one.std for one in self.frames])
-
-    @property
-    def contact(self) -> Bools:
-        """Return the mask (N, H, W) of contact."""
-        return np.stack([one.contact for one in self.frames])
-
-    @property
-    def footprint(self) -> tuple[Footprint | None, ...]:
-        """Return the indenter's face in each frame."""
-        return tuple(one.footprint for one in self.frames)
-
-    @property
-    def tractions(self) -> Floats | None:
-        """Return tractions (N, 3, rows, columns) along x, y, z, MPa; None where no frame has any."""
-        known = [one.tractions for one in self.frames]
-        return _stacked([None if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
-
-    @property
-    def wrench(self) -> Floats | None:
-        """Return force and moment (N, 6), N and N mm; None where no frame has any."""
-        known = [one.wrench for one in self.frames]
-        return _stacked([None if one is None else np.array([*one.force_N, *one.moment_Nmm]) for one in known])
-
-    @property
-    def flags(self) -> Sequence[tuple[str, ...]]:
-        """Return the flags of each frame."""
-        return tuple(one.flags for one in self.frames)
-
-
-def _stacked(frames: Sequence[AnyFloats | None]) -> AnyFloats | None:
-    """Stack arrays of one shape, NaN for a frame without; None where no frame has one."""
-    first = next((one for one in frames if one is not None), None)
-    if first is None:
-        return None
-    unknown = np.full_like(first, np.nan)
-    return np.stack([unknown if one is None else one for one in frames])

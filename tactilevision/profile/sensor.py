@@ -13,9 +13,11 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import contact_flags, find_contact
-from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.errors import ConvergenceError, InputError, check_known
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.nodes import lay_grid
@@ -24,7 +26,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import some_frames, spread_frames
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.photometric.card import provenance
-from tactilevision.profile.model import Followed, Profile, Seen, SeenBatch
+from tactilevision.profile.model import Followed, Profile, Seen
 from tactilevision.profile.storage import read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.folder import read_folder
@@ -33,6 +35,7 @@ from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add, as_frame
 from tactilevision.records.measured import Bytes, Estimate
 from tactilevision.records.rig import Gel, Indenter
+from tactilevision.sensors import usual_gel
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched, untouched_frame
 
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
     from tactilevision.press.certified_faces import DepthScale
 
 NOT_SOLVED = "force not solved"
+ORDERS = ("rgb", "bgr")  # of a frame's colours
 
 
 def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
@@ -77,29 +81,34 @@ class CalibratedSensor:
 
     @cached_property
     def field(self) -> ForceField | None:
-        """Return the solver of tractions from a height map; None where gel, E or nu are not known."""
+        """Return the solver of tractions from a height map; None where gel, E or nu are not known.
+
+        Of a kind with a usual gel, published values are assumed, and tractions are flagged "material_assumed".
+        """
         sensor, material = self.profile.sensor, self.profile.material
-        if sensor.gel is None or material is None:
+        known = usual_gel(sensor) if sensor.gel is None or material is None else (sensor.gel, material)
+        if known is None:
             return None
         return ForceField(
-            sensor.gel,
-            material,
+            *known,
             sensor.mm_per_px,
             view_px=(sensor.height_px, sensor.width_px),
             settings=ForceSettings(cell_std=False),
             compliance=self.profile.compliance,
         )
 
-    def read(self, rgb: Bytes) -> Seen | SeenBatch:
-        """Read a raw frame (H, W, 3) uint8, red first, or each of a batch (N, H, W, 3).
+    def read(self, rgb: Bytes, *, order: str = "rgb") -> Seen:
+        """Read a raw frame (H, W, 3) uint8; its colours are in the `order` "rgb", or "bgr" as OpenCV reads them.
 
         Raises InputError for a frame of another size, black or saturated.
         """
-        if getattr(rgb, "ndim", 3) != 4:
-            return self._seen(Frame(rgb))
-        if not len(rgb):
-            raise InputError("a batch of frames holds at least one", where="read", value=rgb.shape)
-        return SeenBatch(tuple(self._seen(Frame(one)) for one in rgb))
+        check_known(order, ORDERS, what="colours have no such order", where="read: order")
+        frame = Frame(rgb)
+        return self._seen(frame if order == ORDERS[0] else Frame(np.ascontiguousarray(rgb[..., ::-1])))
+
+    def read_batch(self, rgb: Bytes, *, order: str = "rgb") -> tuple[Seen, ...]:
+        """Read each frame of a batch (N, H, W, 3) uint8 as `read` does; one reading a frame."""
+        return tuple(self.read(one, order=order) for one in rgb)
 
     @property
     def warnings(self) -> tuple[str, ...]:

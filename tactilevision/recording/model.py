@@ -15,6 +15,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError, RecordingError, one_line
 from tactilevision.recording import layout
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.display import Displayed, Summary
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
 from tactilevision.records.ranges import Ranged
 from tactilevision.records.rig import Indenter, Press, Sensor
@@ -57,8 +58,8 @@ class StageSeries(Ranged):
     z_mm: Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Recording(Displayed):
     """One calibration run of one sensor.
 
     `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, one video or None) on the
@@ -99,6 +100,21 @@ class Recording:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "warnings", tuple(map(one_line, self.warnings)))
+
+    def summary(self) -> Summary:
+        """Return the sensor, its gel, and how much of each kind there is."""
+        gel, readings = self.sensor.gel, () if self.forces is None else self.forces.time_s
+        names = ("frames", "presses", "force readings", "curves", "points", "ball presses", "flats")
+        held = (self.frame_names, self.presses, readings, self.curves, self.points, self.balls, self.flats)
+        punches = (f"{name} ({one.shape}, {one.radius_mm:g} mm)" for name, one in self.indenters.items())
+        values = {
+            "sensor": f"{self.sensor.kind} {self.sensor.serial}".rstrip(),
+            "gel": "not described" if gel is None else f"{gel.thickness_mm:g} mm thick, {gel.shape}",
+            "date": str(self.date or ""),
+            "holds": ", ".join(f"{len(one)} {name}" for name, one in zip(names, held, strict=True) if len(one)),
+            "indenters": ", ".join(punches),
+        }
+        return Summary(f"Recording {self.name}", values, self.warnings)
 
 
 Need = Literal[

@@ -295,11 +295,14 @@ def _find_settings(root: Path) -> Path:
         )
     if layout.SETTINGS not in names:
         inner = sorted(found.parent.name for found in root.glob(f"*/{layout.SETTINGS}"))
-        remedy = (
-            f"Did you mean {root / inner[0]}?"
-            if inner
-            else f"It needs {layout.SETTINGS}, with format = {layout.FORMAT}."
-        )
+        remedy = f"It needs {layout.SETTINGS}, with format = {layout.FORMAT}."
+        if inner:
+            remedy = f"Did you mean {root / inner[0]}?"
+        elif any(name.lower().endswith((*layout.IMAGE_SUFFIXES, *layout.VIDEO_SUFFIXES)) for name in names):
+            remedy = (
+                f"It holds pictures: `tactilevision depth {root} --sensor NAME` makes height maps of them; E and "
+                f"nu also need {layout.SETTINGS}, {layout.PRESSES} and {layout.FORCES}."
+            )
         raise RecordingError(f"is not a recording: {layout.SETTINGS} is missing", where=root, remedy=remedy)
     return root / layout.SETTINGS
 

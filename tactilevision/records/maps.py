@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, library
+from tactilevision.records.display import Displayed, Summary, figure, number
 from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Wrench
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+@dataclass(frozen=True, slots=True, repr=False)
+class Frame(Displayed):
     """One picture: `rgb` (H, W, 3) uint8, its time on the camera's clock, and its name in the recording."""
 
     rgb: Bytes
@@ -34,6 +38,12 @@ class Frame:
                 remedy=_remedy(rgb),
             )
 
+    def summary(self) -> Summary:
+        """Return size, time and the picture."""
+        rows, columns, _ = self.rgb.shape
+        time = f"{self.time_s:.3f} s" if math.isfinite(self.time_s) else ""
+        return Summary(f"Frame {self.name}", {"size": f"{columns} x {rows} px", "time": time}, picture=self.rgb)
+
 
 def as_frame(given: Frame | Bytes) -> Frame:
     """Return the frame, or make one of the pixels (H, W, 3) uint8 given. Raises InputError as Frame does."""
@@ -50,6 +60,8 @@ def _remedy(given: Any) -> str:
         return "Read a recording's frame with tactilevision.read_frame."
     if given.ndim == 2 or given.shape[-1:] == (1,):
         return "Record in colour: slopes cannot be read from grey pictures."
+    if given.ndim == 4:
+        return "Give one frame of the batch; a sensor has read_batch."
     if given.ndim == 3 and given.shape[-1] == 4:
         return "Drop the fourth channel: rgb[..., :3]."
     if given.ndim == 3 and given.shape[0] == 3 and given.shape[-1] != 3:
@@ -77,8 +89,8 @@ class SlopeMap:
 Positions = Literal["deformed", "undeformed"]
 
 
-@dataclass(frozen=True, slots=True)
-class HeightMap:
+@dataclass(frozen=True, slots=True, repr=False)
+class HeightMap(Displayed):
     """Depth of the gel's surface.
 
     `depth_mm` (H, W), positive into the gel; `valid` (H, W): False where the depth is unknown, which is not 0;
@@ -122,6 +134,44 @@ class HeightMap:
                 value=self.mm_per_px,
                 remedy="Set sensor.mm_per_px in recording.toml.",
             )
+
+    def summary(self) -> Summary:
+        """Return size, greatest depth with its deviation, the known share and flags, and the map as a picture."""
+        import cv2
+
+        known = np.where(self.valid, self.depth_mm, np.nan)
+        place = int(np.nanargmax(known)) if self.valid.any() else 0
+        std = None if self.std_mm is None else float(self.std_mm.flat[place])
+        (rows, columns), (x, y) = self.depth_mm.shape, self.mm_per_px
+        values = {
+            "size": f"{columns} x {rows} px, {columns * x:.1f} x {rows * y:.1f} mm",
+            "deepest": f"{number(float(known.flat[place]), std)} mm" + (f", std {std:.2g} mm" if std else ""),
+            "known": f"{100 * self.valid.mean():.1f} % of the picture",
+        }
+        top = max(float(np.nanmax(known, initial=0.0)), 1e-3)
+        grey = np.nan_to_num(255 * np.clip(known / top, 0, 1)).astype(np.uint8)
+        picture = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_CIVIDIS)[..., ::-1], dtype=np.uint8)
+        return Summary(f"HeightMap {self.name}", values, tuple(f"{f}: {MEANING[f]}" for f in self.flags), picture)
+
+    def plot(self, *, std: bool = False) -> Figure:
+        """Draw the depth with a colour bar in mm and a scale bar; with `std` also its standard deviation."""
+        return figure("plot_height", self, std=std)
+
+    def to_xarray(self) -> Any:
+        """Return an xarray.Dataset of `depth_mm` and, where it is known, `std_mm` over y and x (rows, columns).
+
+        x and y are in mm from the pad's centre, right and down; a depth that is not known is NaN. Raises
+        InputError where xarray is missing (extra `notebook`).
+        """
+        xarray = library("xarray", extra="notebook", where="to_xarray")
+        fields = {"depth_mm": self.depth_mm, **({} if self.std_mm is None else {"std_mm": self.std_mm})}
+        sides = zip("yx", self.depth_mm.shape, self.mm_per_px[::-1], strict=True)
+        places = {n: (n, (np.arange(size) - (size - 1) / 2) * mm, {"units": "mm"}) for n, size, mm in sides}
+        known = {
+            name: (("y", "x"), np.where(self.valid, f, np.nan), {"units": "mm"}) for name, f in fields.items()
+        }
+        about = {"name": self.name, "time_s": self.time_s, "flags": list(self.flags)}
+        return xarray.Dataset(known, coords=places, attrs=about)
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,11 +101,15 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A linear elastic, isotropic gel. `covariance` (2, 2) is of (youngs_modulus_MPa, poisson_ratio)."""
+    """A linear elastic, isotropic gel. `covariance` (2, 2) is of (youngs_modulus_MPa, poisson_ratio).
+
+    `assumed`: both are published values of such gels, not measured on this one.
+    """
 
     youngs_modulus_MPa: float
     poisson_ratio: float
     covariance: Floats | None = None
+    assumed: bool = False
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_MPa) and self.youngs_modulus_MPa > 0):

@@ -8,9 +8,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from tactilevision.errors import InputError, check_known
+from tactilevision.records.measured import Material
 from tactilevision.records.ranges import SCALE
-from tactilevision.records.rig import Sensor
+from tactilevision.records.rig import Gel, Sensor
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
 _MINI = Sensor("gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634))
@@ -53,6 +56,12 @@ _THICKNESS_MM = {
     # Not published: a bound. Pads of this family (GelSight Mini, R1.5, GelSlim) are 2 to 4.5 mm thick.
     "gelsight_wedge": 5.0,
 }
+# Published E and nu of the usual gel of a kind, which are assumed where nobody has calibrated the gel.
+# Of a GelSight Mini: E .43 MPa (neo-Hookean C10 .0725 MPa) by indentation, Helmut et al., arXiv 2411.03315
+# (feats-ai/feats). Of gels of its silicone, XP-565: E .275 MPa from Shore 00 60, nu .485, Burgess et al., arXiv
+# 2406.15304. Of a simulated GelSight: E .145 MPa, nu .45, Chen et al., arXiv 2301.08343 (Tacchi). The value is the
+# middle of these, its deviation half of their range.
+_USUAL_MATERIAL = {"gelsight_mini": Material(0.29, 0.48, np.diag([0.145**2, 0.015**2]), assumed=True)}
 # of the thickness: a bonded layer stiffens as (1 - w/h)^-3, here 125 times (Johnson, Contact Mechanics, 5.8)
 MAX_COMPRESSION = 0.8
 
@@ -81,6 +90,16 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
         return _checked(Sensor(kind="custom", **overrides))
     check_known(kind, [*SENSORS, "custom"], what="no sensor of that name", where="get_sensor")
     return _checked(dataclasses.replace(SENSORS[kind], **overrides))
+
+
+def usual_gel(sensor: Sensor) -> tuple[Gel, Material] | None:
+    """Return the sensor's gel, or its kind's usual one, and published E and nu of such gels; None without any.
+
+    Their deviations are wide: E of a GelSight Mini is known to 50 %.
+    """
+    kind = sensor.kind.removesuffix("_markers")
+    material = _USUAL_MATERIAL.get(kind)
+    return None if material is None else (sensor.gel or Gel(_THICKNESS_MM[kind]), material)
 
 
 def may_have_marks(sensor: Sensor) -> bool:

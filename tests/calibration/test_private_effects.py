@@ -168,7 +168,7 @@ KILLED = pytest.param("SIGKILL", -9, marks=pytest.mark.slow)
 def test_a_stubborn_effect_does_not_keep_the_command_from_ending(tmp_path: Path, number: str, code: int) -> None:
     file, pid = tmp_path / "mine.py", tmp_path / "pid"
     file.write_text(STUBBORN.replace("PID", repr(str(pid))))
-    words = ("compare", SAMPLE, "--effect", file, "--out", tmp_path / "out")
+    words = ("compare", SAMPLE, "--with", file, "--out", tmp_path / "out")
     with subprocess.Popen([sys.executable, "-m", "tactilevision", *words], stdout=subprocess.DEVNULL) as run:
         until = time.monotonic() + 60
         while not (pid.exists() and pid.read_text()) and time.monotonic() < until:
@@ -247,7 +247,7 @@ def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:
     assert back.redo() == history
     history.save(tmp_path / "history.json")
     assert load_history(tmp_path / "history.json").steps[0] == history.steps[0]
-    command = "tactilevision compare 'a b.rec' --with depth_zero --effect 'my effect.py' --out 'o u t'\n"
+    command = "tactilevision compare 'a b.rec' --with depth_zero --with 'my effect.py' --out 'o u t'\n"
     assert history.script("o u t").endswith(command)
     with pytest.raises(InputError, match="undo"):
         History(()).undo()

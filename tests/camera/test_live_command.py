@@ -260,7 +260,7 @@ def test_without_its_package_foxglove_is_refused_in_a_sentence(
     words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--foxglove")
     assert run("live", *words) == 2
     told = capsys.readouterr()
-    assert "pip install 'tactilevision[foxglove]'" in told.err
+    assert "pip install '.[foxglove]'" in told.err
     assert told.out == ""  # before the light is calibrated and the camera looked at
 
 

@@ -277,7 +277,7 @@ def test_a_missing_extra_is_told_before_anything_is_read(
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert run(monkeypatch, *command, tmp_path / "nowhere", "--cluster", "tcp://127.0.0.1:1") == 2
-    assert "pip install 'tactilevision[cluster]'" in capsys.readouterr().err
+    assert "pip install '.[cluster]'" in capsys.readouterr().err
 
 
 def test_completing_a_line_waits_for_no_cluster(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 def test_a_design_with_known_nu_gives_a_number_of_presses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, *RIG, *SHARP, "--within", "5", "--out", tmp_path / "plan.json") == 0
+    assert run(monkeypatch, *RIG, *SHARP, "--within", "5", "--json", tmp_path / "plan.json") == 0
     found = json.loads((tmp_path / "plan.json").read_text())
     assert found["reached"]
     out = capsys.readouterr().out
@@ -35,7 +35,7 @@ def test_a_design_with_known_nu_gives_a_number_of_presses(
 def test_a_recording_gives_gel_and_faces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, PAPER, *SHARP, "--within", "10", "--out", tmp_path / "plan.json") == 0
+    assert run(monkeypatch, PAPER, *SHARP, "--within", "10", "--json", tmp_path / "plan.json") == 0
     found = json.loads((tmp_path / "plan.json").read_text())
     assert found["as_given"]["heights_mm"] == [0.15, 0.3, 0.4, 0.5, 0.6]
     assert found["as_given"]["radii_mm"] == [2.5]

@@ -172,7 +172,7 @@ def test_a_tampered_history_puts_no_command_into_the_script(tmp_path: Path) -> N
         load_history(path)
     script = History(("a b; c",)).add(Step("mine", "$(touch owned).py")).script("out; x")
     command = script.split("\n")[2]
-    assert shlex.split(command)[2:] == ["a b; c", "--effect", "$(touch owned).py", "--out", "out; x"]
+    assert shlex.split(command)[2:] == ["a b; c", "--with", "$(touch owned).py", "--out", "out; x"]
 
 
 @pytest.mark.parametrize(

@@ -105,3 +105,9 @@ def test_the_node_answers_the_sample_without_ros(said: str, tmp_path: Path) -> N
     assert len(deepest_um) == 10
     assert max(deepest_um) > 300
     assert (tmp_path / "ros2_node.png").is_file()
+
+
+@pytest.mark.slow  # the pages run it, too
+@pytest.mark.parametrize("said", ["watch_the_error_fall"], indirect=True)
+def test_a_notebook_finds_what_the_gel_does(said: str) -> None:
+    assert first(r"tau_s ([\d.]+)", said) == pytest.approx(2.2, abs=0.2)

@@ -46,7 +46,7 @@ def start(out: Path, *options: str) -> subprocess.Popen[bytes]:
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
-    run = start(tmp_path, "--processes", "1")
+    run = start(tmp_path, "--workers", "1")
     until = time.monotonic() + 120
     while not list(tmp_path.glob("cases/neo*.npz")) and time.monotonic() < until and run.poll() is None:
         time.sleep(0.01)
@@ -55,7 +55,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("cases/neo*.npz")}
     assert before
     assert not (tmp_path / "punch.npz").exists()
-    again = start(tmp_path, "--processes", "2", "--json", str(tmp_path / "result.json"))
+    again = start(tmp_path, "--workers", "2", "--json", str(tmp_path / "result.json"))
     _, said = again.communicate(timeout=200)
     assert again.returncode == 0, said.decode()
     assert json.loads((tmp_path / "result.json").read_text())["solved_now"] == 4 - len(before)
