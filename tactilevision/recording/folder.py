@@ -138,7 +138,6 @@ def read_folder(
     found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else (), first=first)
     warnings += check_references(size, found[0][:1], white_level=white_level)
     warnings += doubts_of_turning(frames_path, names[first:], found[0])
-    shown = tuple(name for name in names if frames_path / name not in found[0]) or names
     if settings is not None:
         stated = {} if mm_per_px is None else {"mm_per_px": [mm_per_px, mm_per_px]}
         settings, guessed = guess_scale(settings.model_copy(update=stated), size)
@@ -149,8 +148,8 @@ def read_folder(
         name=real_path(root).name,
         sensor=_scaled(sensor, mm_per_px),
         frames_path=frames_path,
-        frame_names=shown,
-        frame_times_s=np.full(len(shown), np.nan),
+        frame_names=names,
+        frame_times_s=np.full(len(names), np.nan),
         frame_size_px=size,
         flats=found[0],
         flat_frames=found[1],

@@ -19,7 +19,8 @@ from tactilevision.files.runs import worker_pool
 from tactilevision.files.tiff import write_tiff
 from tactilevision.records.maps import HeightMap
 
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("profile", "logs")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
 
 from drawn_logs import drawer
 from lamp_sensor import saved, write_ball_folder, write_frames
