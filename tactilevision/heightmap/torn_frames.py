@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from tactilevision.heightmap.scene_faults import BLOCK
 from tactilevision.photometric.colour_change import FrameChange
 from tactilevision.photometric.reference import Reference
-from tactilevision.records.measured import Bytes, Floats
+from tactilevision.records.measured import Bytes, Picture
 from tactilevision.records.rig import Sensor
 
 ACROSS = 32  # blocks across the picture
@@ -50,26 +50,29 @@ class TearCheck:
         count = np.bincount(places, minlength=size[0]).reshape(-1, ACROSS)
         seen = (count > 0) & (count <= MOST)
         self.count, self.seen = np.maximum(count, 1).astype(np.float32), (seen[1:] & seen[:-1]).astype(np.float32)
-        self.before: tuple[Reference, Floats] | None = None
+        self.before: tuple[Reference, Picture] | None = None
 
     def __call__(self, frame: FrameChange) -> int | None:
         """Return the first row of the raw picture below a tear; None for a whole picture."""
         before = frame.reference.reference
         if before.marks is not None:
-            grey = frame.changes / frame.reference.maps.scale
-            sums = np.stack([self.sums @ one.ravel() for one in grey], dtype=np.float32, casting="same_kind")
-            return self.row_below(sums.reshape(3, -1, ACROSS) / self.count)
+            return self.row_below(self.means(frame.changes / frame.reference.maps.scale))
         if self.before is None or self.before[0] is not before:
-            self.before = before, self.means(before.rgb)
-        return self.row_below(self.means(frame.rgb) - self.before[1])
+            self.before = before, self.means(before.rgb.transpose(2, 0, 1))
+        return self.row_below(self.frame_means(frame.rgb) - self.before[1])
 
-    def means(self, rgb: Bytes) -> Floats:
-        """Return the means (3, rows, ACROSS) of a rectified picture (H, W, 3) in rows of the raw one."""
-        lanes = cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA).astype(np.uint16).view(np.uint64)  # one number a pixel
+    def means(self, planes: Picture) -> Picture:
+        """Return the means (3, rows, ACROSS) of a rectified picture (3, H, W) in rows of the raw one."""
+        sums = np.stack([self.sums @ one.ravel() for one in planes]).reshape(3, -1, ACROSS)
+        return np.asarray(sums / self.count, np.float32)
+
+    def frame_means(self, rgb: Bytes) -> Picture:
+        """Return `means` of a frame (H, W, 3), all colours of a pixel in one number of 64 bits."""
+        lanes = cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA).astype(np.uint16).view(np.uint64)
         sums = (self.sums @ lanes.ravel()).view(np.uint16).reshape(-1, ACROSS, 4)
         return np.asarray(np.ascontiguousarray(sums.transpose(2, 0, 1))[:3] / self.count)
 
-    def row_below(self, change: Floats) -> int | None:
+    def row_below(self, change: Picture) -> int | None:
         """Return the first row below a tear by the change (3, rows, ACROSS) of the means since the reference."""
         planes = np.concatenate([change, change.mean(axis=0, keepdims=True)])  # the colours, and their mean
         steps = (planes[:, 1:] - planes[:, :-1]) * self.seen
@@ -84,12 +87,12 @@ class TearCheck:
         return _tear_of(steps[:3], size[0]) or _tear_of(steps[3:], size[1])
 
 
-def _middle(sizes: Floats) -> Floats:
+def _middle(sizes: Picture) -> Picture:
     """Return the median (2, 1) over rows; np.median takes ten times longer."""
     return np.asarray(np.sort(sizes)[:, [sizes.shape[1] // 2]])
 
 
-def _tear_of(steps: Floats, size: Floats) -> int | None:
+def _tear_of(steps: Picture, size: Picture) -> int | None:
     """Return the first row below a tear by the steps (colours, rows, blocks), and E in units of its median."""
     row = BORDER + int(np.argmax(size[BORDER : len(size) - BORDER]))
     others = np.delete(size, np.s_[max(0, row - FAR) : row + FAR + 1])

@@ -48,10 +48,10 @@ def test_real_presses_are_whole_until_they_are_torn() -> None:
     presses = [read_image(REAL / f"img_{k:02d}.png") for k in (1, 5, 9, 13, 17, 21)]
     sensor = get_sensor("gelsight_mini", width_px=640, height_px=480)
     rng, found, check = np.random.default_rng(0), [], TearCheck(sensor)
-    before = check.means(read_image(REAL / "f0.png"))
+    before = check.frame_means(read_image(REAL / "f0.png"))
 
     def row_of(rgb: Bytes) -> int | None:
-        return check.row_below(check.means(rgb) - before)
+        return check.row_below(check.frame_means(rgb) - before)
 
     assert [row_of(rgb) for rgb in presses] == [None] * len(presses)
     for _ in range(80):
