@@ -10,10 +10,8 @@ from __future__ import annotations
 import faulthandler
 import importlib.util
 import inspect
-import os
 import pickle
 import sys
-import threading
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -26,7 +24,7 @@ from calibration.effects import EFFECTS
 from calibration.inputs.observations import EdgeDrop, Observations, Presses, Resultants, Shared, Slopes
 from calibration.model.stages import Effect, EffectBase, ManualCheck, Parameter, Prior, State
 from tactilevision.errors import InputError
-from tactilevision.files.child import send
+from tactilevision.files.child import begin, fault_fields, send
 from tactilevision.records.rig import Gel, Indenter
 
 ABOUT = (*EffectBase.__annotations__, "parameters")  # what an effect states of itself
@@ -87,10 +85,8 @@ _calls: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
 
 def serve() -> None:
     """Answer the calls that come by the standard input, until it ends. What the effect prints goes to stderr."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
+    out = begin(_calls, pickle.load, prints_to=2)  # of the process that started this one
     sys.stdout = sys.stderr
-    threading.Thread(target=_listen, daemon=True).start()
     made, known = list[Effect](), dict[int, Observations]()
     send(out, "ready")
     while True:
@@ -113,21 +109,12 @@ def serve() -> None:
             found = _load(Path(*given)) if method == LOAD else getattr(made[number], method)(*given)
             words = ["found", plain(found, parts, given=given, made=made)]
         except InputError as fault:
-            value = fault.value if isinstance(fault.value, str | int | float | None) else str(fault.value)
-            words = ["InputError", [fault.what, {"where": fault.where, "value": value, "remedy": fault.remedy}]]
+            words = ["InputError", fault_fields(fault)]
         except BaseException as fault:  # the effect may raise anything
             words = [type(fault).__name__, str(fault)]
         if sys.platform == "win32":
             faulthandler.cancel_dump_traceback_later()
         send(out, *words, *parts)
-
-
-def _listen() -> None:
-    while True:
-        try:
-            _calls.put(pickle.load(sys.stdin.buffer))  # noqa: S301 -- of the process that started this one
-        except BaseException:  # it has ended
-            os._exit(0)
 
 
 def _load(file: Path) -> Effect:

@@ -40,6 +40,7 @@ if sys.platform != "win32":
 READ_MB_S = 50  # MB of a file that its reader passes at least, in a second of processor time without an answer
 UNPACKED_S = 10  # s of processor time for each MB of a file: long videos of a still scene need some three
 ANSWER_S = 2e-4  # s of the parent's own work for an answer, which counts as the child's
+FILE_S = 2e-3  # s of that work for an answer with bytes, of which the parent makes a file
 WAIT_S = 60  # s in which a child answers, even if other programs keep the processor
 OPEN_FILES = 64  # of a child
 PIPE_BYTES = 1 << 20  # of the pipe between the two: what Linux allows every user
@@ -254,20 +255,27 @@ def asked() -> Iterator[Any]:
 
 
 def serve() -> None:
-    """Answer the orders that come by the standard input, until it ends."""
-    out, null = os.fdopen(os.dup(1), "wb"), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)  # what libraries print is no answer
-    threading.Thread(target=_listen, daemon=True).start()
+    """Answer the orders that come by the standard input, until it ends; what libraries print is no answer."""
+    out = begin(_orders, lambda file: json.loads(file.readline()), prints_to=os.open(os.devnull, os.O_WRONLY))
     while True:
         order = _orders.get()
         if "reader" in order:  # else asked too late
             send(out, *_outcome(out, order))
 
 
-def _listen() -> None:
-    for line in sys.stdin.buffer:
-        _orders.put(json.loads(line))
-    os._exit(0)
+def begin(orders: SimpleQueue[Any], read: Callable[[BinaryIO], Any], *, prints_to: int) -> BinaryIO:
+    """Put what `read` returns of the standard input into `orders`, and end with it; return the file of answers."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(prints_to, 1)
+
+    def listen() -> None:
+        with suppress(Exception):  # the parent has ended
+            while True:
+                orders.put(read(sys.stdin.buffer))
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    return out
 
 
 def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
@@ -279,6 +287,7 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
         for answer in getattr(import_module(module), name)(*order["given"]):
             _wait(0)
             send(out, "answer", *answer)
+            _budget["all_s"] -= FILE_S if bytes in map(type, answer) else ANSWER_S
             _wait(WAIT_S)
     except Exception as fault:
         where, said = order["given"][0], f"is damaged: {type(fault).__name__}: {str(fault)[:160]}"
@@ -288,8 +297,13 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
     _wait(0)
     if found is None:
         return ("end",)
-    value = found.value if isinstance(found.value, str | int | float | None) else str(found.value)
-    return type(found).__name__, found.what, {"where": found.where, "value": value, "remedy": found.remedy}
+    return type(found).__name__, *fault_fields(found)
+
+
+def fault_fields(fault: InputError) -> tuple[str, dict[str, Any]]:
+    """Return what an error is made of, as JSON."""
+    value = fault.value if isinstance(fault.value, str | int | float | None) else str(fault.value)
+    return fault.what, {"where": fault.where, "value": value, "remedy": fault.remedy}
 
 
 def send(out: BinaryIO, *words: object) -> None:
@@ -327,7 +341,6 @@ def _wait(seconds: int) -> None:
             faulthandler.dump_traceback_later(seconds, exit=True)
         return
     if seconds:
-        _budget["all_s"] -= ANSWER_S
         end_s = math.ceil(min(time.process_time() + _budget["step_s"], _budget["all_s"]))
         resource.setrlimit(resource.RLIMIT_CPU, (end_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
     signal.alarm(seconds)

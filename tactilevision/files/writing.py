@@ -173,13 +173,16 @@ def check_replaceable(target: Path) -> None:
 
 
 @contextmanager
-def staged(folder: Path | str) -> Iterator[Path]:
+def staged(folder: Path | str, *, last: str = "") -> Iterator[Path]:
     """Yield an empty folder for results; on success all its files move into `folder`, else none does.
 
     An interrupted run leaves earlier results as they were. Files of `folder` that the new results do not replace
-    stay. Raises OutputError as `replacing` does.
+    stay. `last` names a folder of the results that is moved last and at once, so that all is there where it is.
+    Raises OutputError as `replacing` does, and where `last` exists.
     """
     target = Path(folder)
+    if last and os.path.lexists(target / last):
+        raise OutputError(f"holds {last} already", where=target, remedy="Choose an empty folder with --out.")
     make_folder(target)
     with output_errors(target):
         clear_unfinished(target)
@@ -188,22 +191,30 @@ def staged(folder: Path | str) -> Iterator[Path]:
         with output_errors(target), writes_into(target):
             yield stage
             try:
-                _move(stage, target)
+                _move(stage, target, last)
             except (KeyboardInterrupt, SystemExit, Terminated):  # finish, so that results are not half moved
-                _move(stage, target)
+                _move(stage, target, last)
                 raise
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _move(stage: Path, target: Path) -> None:
-    """Move all files, after it is known that each can be moved."""
-    moves = [(p, target / p.relative_to(stage)) for p in sorted(stage.rglob("*")) if p.is_file()]
+def _move(stage: Path, target: Path, last: str) -> None:
+    """Move all, after it is known that each can be moved; a new folder is moved as a whole."""
+    moves = list(_moves(stage, target))
     for _, place in moves:
         check_replaceable(place)
-    for path, place in moves:
-        place.parent.mkdir(parents=True, exist_ok=True)
+    for path, place in sorted(moves, key=lambda move: move[0] == stage / last):
         path.replace(place)
+
+
+def _moves(stage: Path, target: Path) -> Iterator[tuple[Path, Path]]:
+    for path in sorted(stage.iterdir()):
+        place = target / path.name
+        if path.is_dir() and os.path.lexists(place):
+            yield from _moves(path, place)
+        else:
+            yield path, place
 
 
 def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -> None:

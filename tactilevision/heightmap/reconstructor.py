@@ -280,8 +280,9 @@ class Reconstructor:
             remedy = "Exclude the frame; read the camera into a buffer that is not written at the same time."
             raise InputError(what, where=name or "frame", remedy=remedy)
         if high > (allowed := deepest_mm(self.sensor)):
-            what = f"the map is {high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows"
-            remedy = "Exclude the frame, which is damaged or of another sensor; or correct thickness_mm."
+            deep = f"{high:.2g} mm deep, more than the {allowed:.2g} mm that this gel allows"
+            what = f"the picture is damaged, or of another view or sensor: its map would be {deep}"
+            remedy = "Exclude the frame, or correct thickness_mm."
             raise InputError(what, where=name or "frame", remedy=remedy)
 
     def sound_map(self, rgb: Bytes) -> HeightMap | None:

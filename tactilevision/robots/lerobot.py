@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import open_regular
 from tactilevision.files.writing import copy_file, replacing, staged, write_text
@@ -180,10 +180,8 @@ def annotate(
     """Write the data set `out`: all of `dataset`, and the readings of its camera's frames by `sensor`.
 
     Maps are means of `shrink` x `shrink` pixels. The reference is the profile's. Raises InputError for frames of
-    another size, for features that exist, and as `pictures` does; OutputError where `out` is a data set already.
+    another size, for features that exist, and as `pictures` does; OutputError where `out` has metadata already.
     """
-    if (Path(out) / INFO).exists():
-        raise OutputError("is a data set already", where=out, remedy="Choose an empty folder with --out.")
     base = base_of(dataset.camera)
     added = schema(base, sensor, shrink=shrink)
     there = [key for key in added if key in dataset.features]
@@ -192,7 +190,7 @@ def annotate(
     warnings = _look(dataset, sensor)
     readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in dataset.pictures())
     work = _Work(dataset, base, added, readings, progress)
-    with staged(out) as folder:
+    with staged(out, last="meta") as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
             work.write_table(dataset.data(place), folder)
         work.write_episodes(folder)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import InputError
 from tactilevision.files.writing import make_folder, staged, write_bytes, write_text
 from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
@@ -140,12 +140,10 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     Raises InputError for a log without the topics (with those it has), with two clocks, with a wrench in another
     frame of reference, or damaged; OutputError where `out` holds frames already.
     """
-    if (Path(out) / layout.FRAMES).exists():
-        raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
     if settings.frames == settings.wrench:
         raise InputError("is the topic of the frames, too", where="--wrench", value=settings.wrench)
     log, topics, (table, sensor) = Path(path), Topics(), _sensor_table(settings.sensor, settings.mm_per_px)
-    with staged(out) as folder:
+    with staged(out, last=layout.FRAMES) as folder:
         names, stamps, readings = _messages(log, topics, folder, settings)
         wrench = [one.stamp for one in readings]
         settings = _with_axes(stamps, wrench, log, settings)

@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 
 from benchmarks.faults import trials
-from benchmarks.faults.commands import Command, frame_commands, prepare
+from benchmarks.faults.commands import FRAMES, Command, frame_commands, prepare
 from tactilevision.errors import TactilevisionError
 from tactilevision.files.runs import worker_pool
 from tactilevision.files.tiff import write_tiff
 from tactilevision.records.maps import HeightMap
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
 
+from drawn_logs import drawer
 from lamp_sensor import saved, write_ball_folder, write_frames
 
 KILLS = 4  # of each command
@@ -47,7 +49,9 @@ def more_commands(folder: Path) -> dict[str, Command]:
     tactile = ("--camera", "observation.images.tactile", "--sensor", str(made))
     of_balls = ("--sensor", str(balls / "sensor.toml"), "--light-only")
     live = ("--sensor", str(made), "--every", "--rate", "1000")
+    both = ("--frames", "/camera", "--wrench", "/ft")
     every = (
+        Command("import", ("import", str(drawer(folder)(frames=FRAMES)), *both)),
         Command("export", ("export", str(frames), "--depth", str(maps)), file="log.mcap"),
         Command("calibrate-sensor", ("calibrate-sensor", str(balls), *of_balls), file="lamp.tvs"),
         Command("lerobot", ("lerobot", str(LEROBOT), *tactile)),
@@ -108,12 +112,12 @@ def test_nothing_is_lost_or_doubled_by_kills(name: str, commands: dict[str, Comm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["export", "calibrate-sensor", "lerobot", "live"])
+@pytest.mark.parametrize("name", ["import", "export", "calibrate-sensor", "lerobot", "live"])
 def test_kills_interrupts_and_full_disks_leave_whole_files(
     name: str, more: dict[str, Command], tmp_path: Path
 ) -> None:
     """After each, files are old or new and no others, and the next run gives the bytes of an undisturbed one."""
-    once = name in ("lerobot", "live")  # one refuses a folder that holds a data set, the other keeps its rows
+    once = name in ("import", "lerobot", "live")  # two refuse a folder that holds such results, one keeps its rows
     whole, rng = trials.undisturbed(more[name], tmp_path), np.random.default_rng(6)
     faults: list[trials.Trial] = [
         *(partial(trials.killed, at_write=bool(k % 2), over=k > 1 and not once) for k in range(KILLS)),

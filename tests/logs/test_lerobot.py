@@ -277,7 +277,7 @@ def test_the_command_writes_once_and_says_what(
         assert main() == 0
         assert "10 frames of 2 episodes" in capsys.readouterr().out
         assert main() == 2
-    assert "is a data set already" in capsys.readouterr().err
+    assert "holds meta already" in capsys.readouterr().err
     with pytest.raises(InputError, match="such a feature already"):
         annotate(read_dataset(out, TACTILE), CalibratedSensor(profile()), tmp_path / "again")
     with pytest.raises(OutputError):

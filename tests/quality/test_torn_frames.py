@@ -12,7 +12,7 @@ from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.batch.folder import reconstruct_folder, summary
 from tactilevision.errors import InputError
-from tactilevision.heightmap.torn_frames import TearCheck, tear_of
+from tactilevision.heightmap.torn_frames import TearCheck
 from tactilevision.recording.images import read_image
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
@@ -45,13 +45,13 @@ def test_a_torn_frame_is_rejected_by_its_row_in_the_raw_picture(row: int) -> Non
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="real frames are not here")
 def test_real_presses_are_whole_until_they_are_torn() -> None:
-    untouched = read_image(REAL / "f0.png").astype(np.float32)
     presses = [read_image(REAL / f"img_{k:02d}.png") for k in (1, 5, 9, 13, 17, 21)]
     sensor = get_sensor("gelsight_mini", width_px=640, height_px=480)
     rng, found, check = np.random.default_rng(0), [], TearCheck(sensor)
+    before = check.frame_means(read_image(REAL / "f0.png"))
 
     def row_of(rgb: Bytes) -> int | None:
-        return tear_of(check._rows(rgb - untouched))
+        return check.row_below(check.frame_means(rgb) - before)
 
     assert [row_of(rgb) for rgb in presses] == [None] * len(presses)
     for _ in range(80):
