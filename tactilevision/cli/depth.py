@@ -66,13 +66,17 @@ def depth(
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
-    light = _light(chosen, warned, path)
+    light, own_balls = _light(chosen, warned, path), False
     if source.is_tree(path):
         rows, content = _of_tree(path, out, chosen, light, calibration, how)
         maps = f"SOURCE/{maps}"
     else:
-        rows, content = _of_recording(chosen.open(path), out, light, calibration, how, most=pictures)
+        recording = chosen.open(path)
+        rows, content = _of_recording(recording, out, light, calibration, how, most=pictures)
+        own_balls = chosen.method is None and chosen.profile is None and bool(recording.balls)
     _say(rows, out, maps)
+    if own_balls:
+        console.say(f"to use this light elsewhere by --sensor: tactilevision calibrate-sensor {path}")
     console.hand_over(summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
         raise InputError(
