@@ -66,22 +66,27 @@ def depth(
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
-    light, own_balls = _light(chosen, warned, path), False
+    light = _light(chosen, warned, path)
     if source.is_tree(path):
         rows, content = _of_tree(path, out, chosen, light, calibration, how)
-        maps = f"SOURCE/{maps}"
+        maps, last = f"SOURCE/{maps}", []
     else:
         recording = chosen.open(path)
         rows, content = _of_recording(recording, out, light, calibration, how, most=pictures)
-        own_balls = chosen.method is None and chosen.profile is None and bool(recording.balls)
+        last = how_to_keep_light(chosen, recording)
     _say(rows, out, maps)
-    if own_balls:
-        console.say(f"to use this light elsewhere by --sensor: tactilevision calibrate-sensor {path}")
+    console.say(*last)
     console.hand_over(summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
         raise InputError(
             "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` has the reasons."
         )
+
+
+def how_to_keep_light(chosen: source.Choice, recording: Recording) -> list[str]:
+    """Return a line with the command that keeps a light of the recording's own balls; none for another light."""
+    own = chosen.method is None and chosen.profile is None and recording.balls
+    return [f"to keep this light for --sensor: tactilevision calibrate-sensor {recording.path}"] if own else []
 
 
 def _light(chosen: source.Choice, warned: list[str], root: Path) -> Light:

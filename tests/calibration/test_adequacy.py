@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from made_recordings import recording_of
+from shared_scenes import shared
 
 from benchmarks.others_curves.law import slope_N_per_mm
 from calibration.inputs.observations import Measured
@@ -42,6 +43,7 @@ def pressed(seed: int, *, late_mm: float = 0.0, bias_N: float = 0.0) -> Measured
 
 
 @cache
+@shared
 def found(late_mm: float = 0.0, bias_N: float = 0.0) -> CalibrationResult:
     return calibrate(pressed(3, late_mm=late_mm, bias_N=bias_N))
 

@@ -41,7 +41,7 @@ def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -
 def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
     pictures = [
         dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
-        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(2)))
+        for number, shot in enumerate(ball_pictures(12, np.random.default_rng(2)))
     ]
     warnings = calibrated(pictures).warnings
     assert any("radii contradict each other" in warning for warning in warnings)
@@ -102,7 +102,7 @@ def test_two_true_radii_agree() -> None:
 def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
     pictures = [
         dataclasses.replace(shot, name=f"{number:02d}.png")
-        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(4)))
+        for number, shot in enumerate(ball_pictures(12, np.random.default_rng(4)))
     ]
     pictures[5] = dataclasses.replace(pictures[5], radius_mm=0.6 * BALL_MM)
     (warning,) = calibrated(pictures).warnings
