@@ -212,7 +212,7 @@ def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None
 
 def test_what_no_effect_explains_is_unknown() -> None:
     """An amplifier with two ranges: its zero is .1 N larger above 1 N, at any depth."""
-    data = presses(10)
+    data = presses(14)
     force = MODEL.predict(TRUTH, data)
     force = force + 0.1 * (force > 1)
     found = diagnose(measured(data, force, np.random.default_rng(4)), np.random.default_rng(0))

@@ -41,7 +41,7 @@ def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -
 def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
     pictures = [
         dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
-        for number, shot in enumerate(ball_pictures(12, np.random.default_rng(2)))
+        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(2)))
     ]
     warnings = calibrated(pictures).warnings
     assert any("radii contradict each other" in warning for warning in warnings)
