@@ -58,7 +58,10 @@ def test_a_sufficient_model_has_no_flag() -> None:
 
 @pytest.mark.parametrize(
     ("key", "late_mm", "bias_N", "size"),
-    [("depth_zero", 0.04, 0.0, 0.04), ("force_bias", 0.0, 1.2, 1.2)],
+    [
+        ("depth_zero", 0.04, 0.0, 0.04),
+        pytest.param("force_bias", 0.0, 1.2, 1.2, marks=pytest.mark.slow),
+    ],
 )
 def test_a_fault_is_named_and_within_the_interval(key: str, late_mm: float, bias_N: float, size: float) -> None:
     result = found(late_mm, bias_N)
@@ -79,6 +82,6 @@ def test_the_value_of_E_stays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_test_is_written_down() -> None:
-    content = found(0.0, 1.2).as_json()
-    assert content["model_test"]["suspects"][0]["parameters"]["offset_N"]["unit"] == "N"
+    content = found(0.04).as_json()
+    assert content["model_test"]["suspects"][0]["parameters"]["offset_mm"]["unit"] == "mm"
     assert set(unfixed_as_json(None, (), why="none", law="default")) == set(content)

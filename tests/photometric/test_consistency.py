@@ -99,6 +99,7 @@ def test_two_true_radii_agree() -> None:
     assert calibrated(pictures).warnings == ()
 
 
+@pytest.mark.slow
 def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
     pictures = [
         dataclasses.replace(shot, name=f"{number:02d}.png")
