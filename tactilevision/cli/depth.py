@@ -66,10 +66,10 @@ def depth(
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
-    light = _light(chosen, warned, path)
+    light, last = _light(chosen, warned, path), list[str]()
     if source.is_tree(path):
         rows, content = _of_tree(path, out, chosen, light, calibration, how)
-        maps, last = f"SOURCE/{maps}", []
+        maps = f"SOURCE/{maps}"
     else:
         recording = chosen.open(path)
         rows, content = _of_recording(recording, out, light, calibration, how, most=pictures)
