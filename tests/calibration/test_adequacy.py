@@ -75,6 +75,7 @@ def test_a_fault_is_named_and_within_the_interval(key: str, late_mm: float, bias
     assert sum("the model does not explain these data" in line for line in result.warnings) == 1
 
 
+@pytest.mark.slow
 def test_the_value_of_E_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     result = found(0.04)
     monkeypatch.setattr(page, "with_model_test", lambda result, *_, **__: result)
