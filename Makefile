@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check lint types bench blind slow faults fuzz digest docs clean
+.PHONY: demo test check lint types bench bench-speed blind slow faults fuzz digest docs clean
 
 .venv/.ok: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -34,6 +34,10 @@ slow: .venv/.ok
 # Every benchmark; `make bench QUICK=1` runs the smallest case of each, in minutes.
 bench: .venv/.ok
 	$(BIN)/python -m benchmarks $(if $(QUICK),--quick)
+
+# Processor time and memory of commands and frames, as ratios to another revision: `make bench-speed BASE=v1`.
+bench-speed: .venv/.ok
+	$(BIN)/python -m benchmarks.speed $(if $(BASE),--base $(BASE))
 
 blind: .venv/.ok
 	$(BIN)/python -m benchmarks.blind

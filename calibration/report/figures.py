@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.experiment_design import PLACES
@@ -33,6 +33,9 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Estimate
 from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips
 from tactilevision.sensors.rectification import rectify
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,18 +65,27 @@ def depth(
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
-    light = _light(chosen, warned, path)
+    light, last = _light(chosen, warned, path), list[str]()
     if source.is_tree(path):
         rows, content = _of_tree(path, out, chosen, light, calibration, how)
         maps = f"SOURCE/{maps}"
     else:
-        rows, content = _of_recording(chosen.open(path), out, light, calibration, how, most=pictures)
+        recording = chosen.open(path)
+        rows, content = _of_recording(recording, out, light, calibration, how, most=pictures)
+        last = how_to_keep_light(chosen, recording)
     _say(rows, out, maps)
+    console.say(*last)
     console.hand_over(summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
         raise InputError(
             "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` has the reasons."
         )
+
+
+def how_to_keep_light(chosen: source.Choice, recording: Recording) -> list[str]:
+    """Return a line with the command that keeps a light of the recording's own balls; none for another light."""
+    own = chosen.method is None and chosen.profile is None and recording.balls
+    return [f"to keep this light for --sensor: tactilevision calibrate-sensor {recording.path}"] if own else []
 
 
 def _light(chosen: source.Choice, warned: list[str], root: Path) -> Light:

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import numpy.typing as npt
 import typer
-from matplotlib.figure import Figure
 
 from tactilevision.batch.selection import (
     Maps,
@@ -34,6 +33,9 @@ from tactilevision.recording.pictures import iter_frames, read_frame
 from tactilevision.records.constants import KILO
 from tactilevision.records.maps import MEANING, Frame, HeightMap
 from tactilevision.records.measured import Bytes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Singles = npt.NDArray[np.float32]
 

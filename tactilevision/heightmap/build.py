@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -286,6 +287,7 @@ def with_free_reference(
 
 # The sources of a reconstructor: a recording's own balls, a saved method, or a ready one.
 
+_log = logging.getLogger(__name__)
 DEFAULT = "auto"  # held-out balls choose the fit: never one worse than the plain polynomial on them
 
 
@@ -297,8 +299,9 @@ def build_reconstructor(
     It warns where the recording's frames are shifted against the reference, or the reference shows a contact.
     `method` is a name in PHOTOMETRIC, the path of a saved method, or a method, which uses the recording's
     flats as reference where there are any. None: DEFAULT on the recording's balls; without balls, the recording's
-    own contacts or the network of this kind of sensor, with a warning. `progress` hears of each pass. Raises
-    InputError or RecordingError where the reference is missing or cannot be used.
+    own contacts or the network of this kind of sensor, with a warning. `progress` hears of each pass; a
+    calibration on balls is logged (INFO). Raises InputError or RecordingError where the reference is missing or
+    cannot be used.
     """
     from tactilevision.recording.model import Recording, faults_of_flats
 
@@ -387,6 +390,7 @@ def _built(
     free = free_frames(recording)
 
     def calibrated() -> Reconstructor:
+        _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
         how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
         calibration = calibrate_from_balls(reference, pictures, **how)
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)

@@ -19,7 +19,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import SHIFT_SIGMA, image_shift, shared_detail
@@ -171,6 +170,8 @@ def _flipped(reference: Picture, pictures: Sequence[Bytes]) -> str:
 
 
 def _search(before: Floats, now: Floats, start: Floats, step: float = 1.0) -> Floats:
+    from scipy.optimize import minimize
+
     simplex = np.vstack([start, start + step * np.diag(STEPS)])
     options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-6, "maxfev": 200}
     off = partial(_off, before=before, now=now)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from made_recordings import recording_of
+from shared_scenes import shared
 
 from benchmarks.others_curves.law import slope_N_per_mm
 from calibration.inputs.observations import Measured
@@ -42,6 +43,7 @@ def pressed(seed: int, *, late_mm: float = 0.0, bias_N: float = 0.0) -> Measured
 
 
 @cache
+@shared
 def found(late_mm: float = 0.0, bias_N: float = 0.0) -> CalibrationResult:
     return calibrate(pressed(3, late_mm=late_mm, bias_N=bias_N))
 
@@ -56,7 +58,10 @@ def test_a_sufficient_model_has_no_flag() -> None:
 
 @pytest.mark.parametrize(
     ("key", "late_mm", "bias_N", "size"),
-    [("depth_zero", 0.04, 0.0, 0.04), ("force_bias", 0.0, 1.2, 1.2)],
+    [
+        ("depth_zero", 0.04, 0.0, 0.04),
+        pytest.param("force_bias", 0.0, 1.2, 1.2, marks=pytest.mark.slow),
+    ],
 )
 def test_a_fault_is_named_and_within_the_interval(key: str, late_mm: float, bias_N: float, size: float) -> None:
     result = found(late_mm, bias_N)
@@ -70,6 +75,7 @@ def test_a_fault_is_named_and_within_the_interval(key: str, late_mm: float, bias
     assert sum("the model does not explain these data" in line for line in result.warnings) == 1
 
 
+@pytest.mark.slow
 def test_the_value_of_E_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     result = found(0.04)
     monkeypatch.setattr(page, "with_model_test", lambda result, *_, **__: result)
@@ -77,6 +83,6 @@ def test_the_value_of_E_stays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_test_is_written_down() -> None:
-    content = found(0.0, 1.2).as_json()
-    assert content["model_test"]["suspects"][0]["parameters"]["offset_N"]["unit"] == "N"
+    content = found(0.04).as_json()
+    assert content["model_test"]["suspects"][0]["parameters"]["offset_mm"]["unit"] == "mm"
     assert set(unfixed_as_json(None, (), why="none", law="default")) == set(content)

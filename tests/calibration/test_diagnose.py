@@ -108,7 +108,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
         pytest.param("refit_with", ConvergenceError("no minimum"), marks=pytest.mark.slow),
         pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         pytest.param("adopt", ConvergenceError("no minimum"), marks=pytest.mark.slow),
-        ("skill", ZeroDivisionError()),
+        pytest.param("skill", ZeroDivisionError(), marks=pytest.mark.slow),
         pytest.param("separation", ConvergenceError("no minimum"), marks=pytest.mark.slow),
     ],
 )
@@ -210,6 +210,7 @@ def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None
     assert found.limits.below_visibility["edge_fillet"] < 0, "a blunt punch is softer, and E reads low"
 
 
+@pytest.mark.slow
 def test_what_no_effect_explains_is_unknown() -> None:
     """An amplifier with two ranges: its zero is .1 N larger above 1 N, at any depth."""
     data = presses(14)

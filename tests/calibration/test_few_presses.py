@@ -67,6 +67,7 @@ def test_what_passes_for_the_scatter_of_presses_is_weighed_against_it(
     assert p_of(fitted) > by_score
 
 
+@pytest.mark.slow
 def test_effects_are_told_apart_under_the_scatter_that_is_left_beside_the_best() -> None:
     """Under the scatter that the temperature passes for nothing takes six off chi^2."""
     found = forward_selection(warmed(PER_K, 3), CATALOGUE, rng=np.random.default_rng(0), level=0.05)

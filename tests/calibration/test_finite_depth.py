@@ -73,7 +73,7 @@ def test_E_of_others_elements(row: dict[str, str], edge_mm: float | None) -> Non
     assert abs(off(found)) < 1.1 * LIMIT  # these rows are .3 to .9 % soft beside two other solvers
 
 
-@each("nu", POISSON)
+@each("nu", POISSON[::2])
 @each("thickness_mm", [2.6, 3.4])
 def test_E_of_the_tables_elements(nu: float, thickness_mm: float) -> None:
     contact = FlatContact(2.5, thickness_mm / 60, thickness_mm, 0.3)
@@ -84,7 +84,7 @@ def test_E_of_the_tables_elements(nu: float, thickness_mm: float) -> None:
 
 
 @each("friction, edge_mm", [(0.2, 0.04), (0.2, 0.07), (0.7, 0.04), (0.7, 0.07)])
-@each("nu", POISSON[::2])
+@each("nu", POISSON[::4])
 def test_other_frictions_and_edges_are_in_the_interval(friction: float, edge_mm: float, nu: float) -> None:
     force = punch_force(DEPTHS_MM, FlatContact(2.5, edge_mm, 3.0, friction), material=Material(MODULUS_MPA, nu))
     assert abs(off(read(force, nu))) < 0.02

@@ -50,8 +50,9 @@ def test_a_force_that_drifts_in_proportion_is_told_from_the_presses_scatter() ->
     assert dict(found.effects[0].parameters)["gain"].value == pytest.approx(-0.1, abs=0.02)
 
 
-def test_points_that_nothing_ails_are_not_accused() -> None:
-    assert [diagnosed(points(seed)).verdict for seed in (5, 6, 7)] == ["ADEQUATE"] * 3
+@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7))])
+def test_points_that_nothing_ails_are_not_accused(seed: int) -> None:
+    assert diagnosed(points(seed)).verdict == "ADEQUATE"
 
 
 def test_a_speed_that_is_set_and_kept_within_some_percent_is_one_speed() -> None:

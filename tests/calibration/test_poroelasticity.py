@@ -104,7 +104,7 @@ def test_without_that_effect_the_times_of_the_two_radii_are_stated() -> None:
     assert 1.8 < one.ratio < (LARGE / SMALL) ** 2
 
 
-@each("times_s", [(3.0,), (0.15, 1.5, 15.0)])
+@pytest.mark.parametrize("times_s", [(3.0,), pytest.param((0.15, 1.5, 15.0), marks=pytest.mark.slow)])
 def test_a_gel_that_relaxes_over_any_range_of_times_does_not_drain(times_s: tuple[float, ...]) -> None:
     found = searched(relaxing(holds(), 1, goes_as=0, times_s=times_s))
     assert [step.best.effect.key for step in found.steps] == ["viscoelasticity"]

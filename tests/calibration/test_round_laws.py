@@ -153,8 +153,8 @@ def test_the_command_reads_a_ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_balls_and_gels_that_a_fit_tries_share_few_tables() -> None:
     rng = np.random.default_rng(5)
     _table.cache_clear()
-    for radius, thickness in rng.uniform(0.99, 1.01, (40, 2)):
+    for radius, thickness in rng.uniform(0.99, 1.01, (20, 2)):
         depth = np.array([0.05, 0.2, 0.5])
         got = _force_over_E(Ball(3.0 * radius), 3.0 * thickness, NU, depth)
         np.testing.assert_allclose(got, over_E(Ball(3.0 * radius), depth, 3.0 * thickness), rtol=2e-5)
-    assert _table.cache_info().misses < 40
+    assert _table.cache_info().misses < 20

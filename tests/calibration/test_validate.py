@@ -249,7 +249,7 @@ def test_calibrating_into_a_recording_leaves_its_description_alone(
     for name in ("recording.toml", "points.csv"):
         (tmp_path / name).write_bytes((PAPER / name).read_bytes())
     before = (tmp_path / "recording.toml").read_bytes()
-    assert run(monkeypatch, "calibrate", tmp_path, "--law", "paper", "--out", tmp_path) == 0
+    assert run(monkeypatch, "calibrate", tmp_path, "--law", "paper", "--no-test", "--out", tmp_path) == 0
     assert (tmp_path / "recording.toml").read_bytes() == before
 
 

@@ -195,7 +195,7 @@ def test_nothing_of_an_earlier_calibration_stays_beside_a_later_one(
     recording.mkdir()
     (recording / "recording.toml").write_text((PAPER / "recording.toml").read_text())
     (recording / "points.csv").write_text((PAPER / "points.csv").read_text().replace("true,", "false,tilt"))
-    assert run(monkeypatch, "calibrate", PAPER, "--out", out) == 0
+    assert run(monkeypatch, "calibrate", PAPER, "--no-test", "--out", out) == 0
     (out / "notes.txt").write_text("my own")
     assert (out / "fit.png").exists()
     assert run(monkeypatch, "calibrate", recording, "--out", out) == 3
@@ -232,7 +232,8 @@ def test_no_name_of_a_recording_leads_out_of_the_folder_of_results(
         dated = re.sub(r"date = .*\n", "", settings).replace(plain[0], f'name = "{name}"\ndate = 2026-01-0{day}')
         (folder / "recording.toml").write_text(dated)
     out = tmp_path / "results" / "out"
-    assert run(monkeypatch, "calibrate", *(tmp_path / "in" / str(day) for day in (1, 2)), "--out", out) == 0
+    days = (tmp_path / "in" / str(day) for day in (1, 2))
+    assert run(monkeypatch, "calibrate", *days, "--no-test", "--out", out) == 0
     assert (out / "01_a_.._.._b" / "calibration.json").is_file()
     assert read_recording(out / "01_a_.._.._b").points, "each folder of results is a recording of points"
     assert read_recording(out).points

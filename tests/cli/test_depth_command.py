@@ -10,12 +10,15 @@ import cv2
 import numpy as np
 import pytest
 from each import each
+from shared_scenes import SAMPLE
 
 from tactilevision.batch.selection import strongest_frames
 from tactilevision.cli import main
+from tactilevision.cli.depth import how_to_keep_light
 from tactilevision.cli.source import Choice
 from tactilevision.errors import InputError
 from tactilevision.recording.folder import read_folder
+from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 
@@ -117,6 +120,14 @@ def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -
     card.write_text('{"sha256": "2"}')
     assert chosen.way != before
     assert Choice(method="lookup").way != Choice(method="polynomial").way
+
+
+def test_the_command_that_keeps_a_light_of_own_balls_is_named() -> None:
+    recording = read_recording(SAMPLE)
+    (said,) = how_to_keep_light(Choice(), recording)
+    assert said.endswith(f"tactilevision calibrate-sensor {SAMPLE}")
+    assert how_to_keep_light(Choice(method="light.npz"), recording) == []
+    assert how_to_keep_light(Choice(), replace(recording, balls=())) == []
 
 
 def test_a_narrow_strip_becomes_maps(

@@ -123,15 +123,15 @@ def test_memory_does_not_grow() -> None:
         live.take(frame)
     tracemalloc.start()
     grown = []
-    for _ in range(4):
+    for _ in range(3):
         gc.collect()
         before = tracemalloc.get_traced_memory()[0]
-        for _ in range(10):
+        for _ in range(5):
             live.take(frame)
         gc.collect()
         grown.append(tracemalloc.get_traced_memory()[0] - before)
     tracemalloc.stop()
-    assert min(grown) < 8_000  # bytes of 10 frames, as 20,000 of 25 would be
+    assert min(grown) < 4_000  # bytes of 5 frames, as 20,000 of 25 would be
 
 
 def test_a_picture_that_says_nothing_is_not_followed() -> None:

@@ -236,7 +236,7 @@ def test_every_cut_and_flipped_byte_is_told_or_harmless(root: Path) -> None:
     rng, said = np.random.default_rng(2), []
     for name in (TABLE, EPISODES, VIDEO):
         whole = (FIXTURE / name).read_bytes()
-        for trial in range(8):
+        for trial in range(5):
             torn = bytearray(whole[: rng.integers(1, len(whole))] if trial % 2 else whole)
             torn[rng.integers(len(torn))] ^= 1 << rng.integers(8)
             (root / name).write_bytes(torn)
@@ -245,7 +245,7 @@ def test_every_cut_and_flipped_byte_is_told_or_harmless(root: Path) -> None:
             except InputError as fault:
                 said.append(str(fault))
         (root / name).write_bytes(whole)
-    assert len(said) >= 10
+    assert len(said) >= 7
     assert not [one for one in said if "\n" in one]
 
 

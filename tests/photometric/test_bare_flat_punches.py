@@ -44,7 +44,7 @@ def at_touch(press: str) -> tuple[int, float]:
     return int(np.argmin(np.abs(recording.frame_times_s - one["touch_time_s"]))), one["depth_mm"]
 
 
-@pytest.mark.parametrize("press", ["p06", "p10"])
+@pytest.mark.parametrize("press", [pytest.param("p06", marks=pytest.mark.slow), "p10"])
 def test_six_frames_of_one_press_hold_its_depth_by_the_library_and_the_command(
     tmp_path: Path, press: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

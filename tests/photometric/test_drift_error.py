@@ -8,16 +8,11 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
-from shared_scenes import shared
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, room_calibration
 
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.calibrate import calibrate_from_balls
-from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.reference import make_reference
 from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 
@@ -25,16 +20,8 @@ BALL_MM = 4.0
 
 
 @cache
-@shared
 def method() -> CalibratedMethod:
-    rng = np.random.default_rng(0)
-    shots = []
-    for centre, contact in presses(14, rng):  # so many that corners are read as straight as the middle
-        _, p, q = ball(centre, contact, BALL_MM)
-        shots.append(BallPicture(picture(p, q, rng), BALL_MM))
-    reference = make_reference([flat(rng) for _ in range(3)])
-    found = calibrate_from_balls(reference, shots, mm_per_px=(MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC["polynomial"])
-    return found.method
+    return room_calibration(14).method  # so many that corners are read as straight as the middle
 
 
 def reader() -> Reconstructor:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
+from lamp_room import SENSOR, SHAPE, ball, ball_pictures, in_px, picture, room_calibration
 from scipy.special import j0, j1
 from shared_scenes import shared
 
@@ -35,11 +35,7 @@ SHADED = 0.2  # of the light that is missing there; more is taken for steep gel,
 @lru_cache
 @shared
 def reader() -> Reconstructor:
-    rng = np.random.default_rng(1)
-    shots = ball_pictures(14, rng)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    found = calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=fit_polynomial)
-    return tuned(SENSOR, found, pictures=shots, free=[])
+    return tuned(SENSOR, room_calibration(14), pictures=ball_pictures(14, np.random.default_rng(1)), free=[])
 
 
 def shaded(rgb: Bytes, share: float) -> Bytes:

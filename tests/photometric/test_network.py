@@ -48,7 +48,7 @@ def calibrated() -> Calibration:
     shots = [
         BallPicture(picture(*ball(centre, contact, 4.0)[1:], rng), 4.0) for centre, contact in presses(12, rng)
     ]
-    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=NetworkFitter(steps=90))
+    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=NetworkFitter(steps=60))
 
 
 def linear(count: int) -> tuple[Samples, Samples]:
