@@ -2,7 +2,7 @@
 
 python -m benchmarks.speed [--base REVISION] [--turns N] [--quick] [CASE ...]
 The base revision is checked out into a temporary folder. Each case runs in a process of its own, with the base and
-this tree in turns on one core; both read the samples of this tree, and each tree has a cache of its own.
+this tree in turns; both read the samples of this tree, and each tree has a cache of its own.
 Printed are medians over the turns: seconds of processor time, their ratio, and the largest resident memory.
 """
 
