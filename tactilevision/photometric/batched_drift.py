@@ -1,11 +1,13 @@
 """Estimate the drift of the light in many frames at once, in torch: the equations of `drift.py`.
 
-Every step works on a batch (B, ...); a frame whose iteration has converged keeps its values. No step depends on
-the numbers, so that a device needs no synchronisation and may record the steps.
+Every step works on a batch (B, ...); a frame whose iteration has converged keeps its values. On a device no step
+depends on the numbers, so that it needs no synchronisation and may record them. The processor omits steps that no
+frame of the batch needs.
 """
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,7 +68,9 @@ class BatchedDrift:
         self.slope_effects, self.grey = on(tracker.slope_effects), on(tracker.grey)
         self.usable, self.kinds = on(tracker.usable), on(one.DRIFT_KINDS)
         self.log_weights, self.others = on(np.log(one.PRIOR_WEIGHTS)), on(np.array(one.OTHERS))
-        self.counted = on(np.flatnonzero(tracker.usable))
+        self.counted: Any = slice(None) if tracker.all_usable else on(np.flatnonzero(tracker.usable))
+        self.squares = (self.terms[:, :, None] * self.terms[:, None]).flatten(0, 2).T.contiguous()
+        self.recorded = device != "cpu"
 
     def measure(self, tiles: Tensor) -> Drifts:
         """Return the drift of frames in means (B, 3, h, w) of the tracker's pixels."""
@@ -82,8 +86,12 @@ class BatchedDrift:
         all_terms = functional.pad(gains, (0, one.TERMS - 3))
         if self.power == 2:
             change = torch.where(drifted[:, None, None], change * (1.0 + self.bend * change), change)
-        found, covariance = self._separated(change, weights, gains[:, :, 0], touched)
-        drift = torch.where(drifted[:, None, None], found, all_terms)
+        drift, which = all_terms.clone(), slice(None) if self.recorded else drifted
+        covariance = drift.new_zeros((len(drift), 3 * one.TERMS, 3 * one.TERMS))
+        if self.recorded or drifted.any():
+            parts = (part[which] for part in (change, weights, gains[:, :, 0], touched))
+            drift[which], covariance[which] = self._separated(*parts)
+        drift = torch.where(drifted[:, None, None], drift, all_terms)
         level_gains, undo, mixed = self._inverse(drift)
         left = self._left(change, drift)
         squares = left.square().sum(1)
@@ -129,6 +137,8 @@ class BatchedDrift:
             state = [after, fitting, touched, limit]
             kept = [chosen(live, *pair) for pair in zip(state, kept, strict=True)] if kept else state
             live, gains = live & ((after - gains).abs().amax((1, 2)) >= one.CONVERGENCE_TOL), kept[0]
+            if not self.recorded and not live.any():
+                break
         return kept
 
     def _fit(self, weighted: Tensor, weights: Tensor, constant: Tensor) -> Tensor:
@@ -145,15 +155,10 @@ class BatchedDrift:
         """Return the drift (B, 3, 6) and its covariance (B, 18, 18), as `DriftTracker._separated`."""
         noise = self._noise(change, weights)[:, None, None]
         contact = grown(shrunk(touched.unflatten(1, self.shape), 2, 1, outside=False), 2, 0).flatten(1)
-        effects = self.slope_effects
-        share = one.SLOPE_SHARE if effects.shape[1] == 2 else one.GUESSED_SHARE
-        ratio = change.square().sum(1) / effects.square().sum((0, 1))
-        rms = torch.where(contact.any(1), masked_median(ratio, contact), 0.0).sqrt()
-        away = distance(~contact.unflatten(1, self.shape)).flatten(1).double()
-        fall = torch.exp(-away * (torch.pi / contact.sum(1).clamp(min=1)).sqrt()[:, None])
-        slopes = effects[None] * (share * rms[:, None] * fall / noise[:, :, 0])[:, None, None]
+        slopes = self._slopes(change, contact) / noise[..., None] if self.recorded or contact.any() else None
         gain = (1.0 + constant) ** self.power - 1.0
-        normal, right = self._normal(change / noise, weights / one.CORRELATED_NOISE, noise, slopes)
+        normal, right = self._normal(change, weights / one.CORRELATED_NOISE, slopes)
+        normal, right = normal / noise.square(), right / noise[:, 0].square()
         expected, precision, log_of_spread = self._expected(gain)
         target = right[:, None] + (precision @ expected[..., None])[..., 0]
         spread, log_determinant = inverse(precision + normal[:, None])
@@ -173,17 +178,39 @@ class BatchedDrift:
         found = MAD_TO_STD / 6**0.5 * masked_median(bend.flatten(1), counted)
         return torch.where(counted.any(1), found.clamp(min=one.MIN_NOISE), 1.0)
 
-    def _normal(self, change: Tensor, weights: Tensor, noise: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the normal equations (B, 18, 18) and right sides (B, 18), as `drift._normal`."""
-        trust = torch.diag_embed(weights[:, None].expand(-1, 3, -1).transpose(1, 2)).permute(0, 2, 3, 1)
-        for unit in slopes.unbind(2):
-            projection = (trust * unit[:, None]).sum(2)
-            power = weights + (unit * projection).sum(1)
-            trust = trust - projection[:, :, None] * (projection / power.clamp(min=TINY)[:, None])[:, None]
-        weighted = (trust[:, :, :, None] * self.terms).flatten(2, 3)
-        normal = (self.terms @ weighted.transpose(2, 3)).flatten(1, 2) / noise.square()
-        right = (self.terms @ (trust * change[:, None]).sum(2)[..., None]).flatten(1) / noise[:, 0]
-        return normal, right
+    def _slopes(self, change: Tensor, contact: Tensor) -> Tensor:
+        """Return the changes (B, 3, k, n) by likely slopes around a `contact` (B, n), as `drift.likely_slopes`."""
+        effects = self.slope_effects
+        share = one.SLOPE_SHARE if effects.shape[1] == 2 else one.GUESSED_SHARE
+        ratio = change.square().sum(1) / effects.square().sum((0, 1))
+        rms = torch.where(contact.any(1), masked_median(ratio, contact), 0.0).sqrt()
+        away = distance(~contact.unflatten(1, self.shape)).flatten(1)
+        fall = torch.exp(-away * (torch.pi / contact.sum(1).clamp(min=1)).sqrt()[:, None])
+        return effects * (share * rms[:, None] * fall)[:, None, None]
+
+    def _normal(self, change: Tensor, weights: Tensor, slopes: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Return the normal equations (B, 18, 18) and right sides (B, 18), as `drift._normal`.
+
+        The trust of a block is diag(w) - sum_k v_k v_k' / p_k; its products are summed term by term.
+        """
+        same = weights[:, None]
+        blocks, lost = (weights @ self.squares).unflatten(1, (3, one.TERMS, one.TERMS)), []
+        wanted = same * change
+        for unit in () if slopes is None else slopes.unbind(2):
+            pull = same * unit
+            for before, power in lost:
+                pull = pull - before * ((before * unit).sum(1) / power)[:, None]
+            power = weights + (unit * pull).sum(1)
+            lost.append((pull, power.clamp(min=TINY)))
+            wanted = wanted - pull * ((pull * change).sum(1) / lost[-1][1])[:, None]
+        normal = blocks.new_zeros((len(blocks), 3, one.TERMS, 3, one.TERMS))
+        for c in range(3):
+            normal[:, c, :, c] = blocks[:, c]
+        normal = normal.flatten(3).flatten(1, 2)
+        for pull, power in lost:
+            part = (self.terms * (pull / power.sqrt()[:, None])[:, :, None]).flatten(1, 2)
+            normal = normal - part @ part.transpose(1, 2)
+        return normal, (self.terms @ wanted[..., None]).flatten(1)
 
     def _expected(self, gain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the priors' means (B, kinds, 18), precisions and log terms, as `drift._expected`."""
@@ -223,7 +250,7 @@ class BatchedDrift:
 
     def _medians(self, values: Tensor) -> Tensor:
         """Return the medians (...) of `values` (..., n) over the usable blocks."""
-        ordered, count = values[..., self.counted].sort(-1).values, len(self.counted)
+        ordered, count = ascending(values[..., self.counted]), int(self.tracker.usable.sum())
         return 0.5 * (ordered[..., (count - 1) // 2] + ordered[..., count // 2])
 
 
@@ -237,27 +264,37 @@ def chosen(which: Tensor, values: Tensor, others: Tensor) -> Tensor:
 
 def grown(mask: Tensor, size: int, before: int) -> Tensor:
     """Return a mask (B, h, w) dilated by a square of `size`, `before` of it to the left of and above its anchor."""
-    padded = functional.pad(mask.float(), (before, size - 1 - before) * 2)
-    return functional.max_pool2d(functional.max_pool2d(padded, (1, size), 1), (size, 1), 1) > 0
+    padded = functional.pad(mask, (before, size - 1 - before) * 2)
+    for axis, count in ((1, mask.shape[1]), (2, mask.shape[2])):
+        parts = [padded.narrow(axis, start, count) for start in range(size)]
+        padded = reduce(torch.logical_or, parts)
+    return padded
 
 
 def shrunk(mask: Tensor, size: int, before: int, *, outside: bool) -> Tensor:
     """Return a mask (B, h, w) eroded by a square as in `grown`; `outside` is what lies beyond the border."""
-    padded = functional.pad((~mask).float(), (before, size - 1 - before) * 2, value=float(not outside))
-    return functional.max_pool2d(functional.max_pool2d(padded, (1, size), 1), (size, 1), 1) == 0
+    after = size - 1 - before
+    beyond = functional.pad(~mask, (before, after) * 2, value=not outside)
+    return ~grown(beyond, size, before)[:, before : before + mask.shape[1], before : before + mask.shape[2]]
 
 
 def distance(inside: Tensor) -> Tensor:
     """Return the distance (B, h, w) to the nearest place outside the mask (B, h, w), in places."""
     rows, columns = (torch.arange(n, device=inside.device, dtype=torch.float32) for n in inside.shape[1:])
-    square = torch.where(inside, FAR, 0.0)
-    square = (square[:, :, None] + (columns[:, None] - columns).square()).amin(3)
-    return (square[:, None] + (rows[:, None] - rows).square()[..., None]).amin(2).sqrt()
+    square = torch.where(inside, FAR, 0.0)[..., None] + (columns[:, None] - columns).square()
+    return (square.amin(2)[:, :, None] + (rows[:, None] - rows).square()[..., None]).amin(1).sqrt()
+
+
+def ascending(values: Tensor) -> Tensor:
+    """Return `values` (..., n) in order along the last axis; numpy sorts faster on the processor."""
+    if values.device.type != "cpu":
+        return values.sort(-1).values
+    return torch.from_numpy(np.sort(values.numpy(), axis=-1))
 
 
 def masked_median(values: Tensor, mask: Tensor) -> Tensor:
     """Return the median (B,) of `values` (B, n) where the `mask` (B, n) is set; infinite where it is not."""
-    ordered, count = torch.where(mask, values, torch.inf).sort(-1).values, mask.sum(-1, keepdim=True)
+    ordered, count = ascending(torch.where(mask, values, torch.inf)), mask.sum(-1, keepdim=True)
     low, high = ((count - 1) // 2).clamp(min=0), (count // 2).clamp(max=values.shape[1] - 1)
     return (0.5 * (ordered.gather(1, low) + ordered.gather(1, high)))[:, 0]
 
