@@ -25,7 +25,7 @@ from torch.nn import functional
 from tactilevision.errors import InputError
 from tactilevision.heightmap.batched_slopes import Level, active_blocks, undone, window_mask
 from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson, Planes, components
-from tactilevision.heightmap.device import HOST, Recorded, find_device
+from tactilevision.heightmap.device import HOST, Recorded, each, find_device
 from tactilevision.heightmap.deviation import Surface
 from tactilevision.heightmap.reconstructor import MIN_CHECKED_MM, Reconstructor
 from tactilevision.photometric.batched_drift import BatchedDrift, Drifts
@@ -234,8 +234,10 @@ class BatchReader:
         left, waiting = iter(batched), None
         while numbers := list(islice(left, self.chunk)):
             if self.recorded is None:
-                rectified = [self.reconstructor.rectified(frames[k]) for k in numbers]
-                yield numbers, rectified, self._on_host(rectified)
+                rgbs = [self.reconstructor.rectified(frames[k]) for k in numbers]
+                sound, found = self._on_host(rgbs)
+                if found is not None:
+                    yield [numbers[k] for k in sound], [rgbs[k] for k in sound], found
                 continue
             begun = self.recorded.begin([frames[k].rgb for k in numbers])
             if waiting is not None:
@@ -245,44 +247,57 @@ class BatchReader:
             assert self.recorded is not None
             yield waiting[0], None, self.recorded.end(waiting[1])
 
-    def _on_host(self, rectified: Sequence[Bytes]) -> Found:
-        """Return what rectified pictures give, read on the processor."""
-        tiles = torch.from_numpy(np.stack([means(rgb, self.px) for rgb in rectified]))
+    def _on_host(self, rgbs: Sequence[Bytes]) -> tuple[list[int], Found | None]:
+        """Return which of the rectified pictures are read on the processor at once, and what they give."""
+        tiles = torch.from_numpy(np.stack([means(rgb, self.px) for rgb in rgbs]))
+        greys = torch.from_numpy(np.stack(rgbs)).permute(0, 3, 1, 2).float() if self.fine else None
+        drifts, slopes, odd = self._slopes(tiles, greys)
+        sound = ~odd & torch.tensor([self._sound(rgb) for rgb in rgbs])
+        numbers: list[int] = sound.nonzero()[:, 0].tolist()
+        if not numbers:
+            return numbers, None
+        return numbers, self._surfaces(each(lambda one: one[sound], drifts), slopes[sound], odd[sound])
+
+    def _sound(self, rgb: Bytes) -> bool:
+        """Return whether no colour of a rectified picture is overexposed, and no readable pixel dark."""
         change = self.method.change
-        odd = [
-            change.find_missing(rgb) is not None
-            or (change.in_shadow(rgb, None) and bool((brightest(rgb)[self.valid] <= change.darkest).any()))
-            for rgb in rectified
-        ]
-        greys = torch.from_numpy(np.stack(rectified)).permute(0, 3, 1, 2).float() if self.fine else None
-        return self.surfaces(tiles, greys, torch.tensor(odd))
+        if change.find_missing(rgb) is not None:
+            return False
+        return not (change.in_shadow(rgb, None) and (brightest(rgb)[self.valid] <= change.darkest).any())
 
     def _on_device(self, greys: Tensor) -> Found:
         """Return what rectified pictures (B, 3, H, W) give, all steps on their device."""
         dark = (greys.amax(1) <= self.method.change.darkest) & self.sound
         odd = (greys.amax((1, 2, 3)) >= SATURATED) | dark.any(2).any(1) | self.over
-        return self.surfaces(functional.avg_pool2d(greys, self.px), greys, odd)
+        drifts, slopes, more = self._slopes(functional.avg_pool2d(greys, self.px), greys)
+        return self._surfaces(drifts, slopes, odd | more)
 
-    def surfaces(self, tiles: Tensor, greys: Tensor | None, odd: Tensor) -> Found:
-        """Return what frames give, in means (B, 3, h, w) and, to read them pixel by pixel, in pixels (B, 3, H, W)."""
+    def _slopes(self, tiles: Tensor, greys: Tensor | None) -> tuple[Drifts, Tensor, Tensor]:
+        """Return drifts, slopes (B, 2, h, w) and which frames (B,) need the frame path.
+
+        Of frames in means (B, 3, h, w) and, to read steeper places pixel by pixel, in pixels (B, 3, H, W).
+        """
         drifts = self.drift.measure(tiles)
         slopes = self.means.slopes(undone(tiles, drifts, self.drift.power), drifts.gains)
         blocks = active_blocks(slopes, self.tiled)
+        odd = drifts.odd
         if greys is None:
             odd = odd | blocks.any(2).any(1)
         else:
             fine = self.pixels.slopes(undone(greys, drifts, self.drift.power), drifts.gains)
             inside = window_mask(components(blocks, corners=True), self.tiled, blocks.shape)
             slopes = torch.where(inside[:, None], fine, self._in_pixels(slopes))
-        steepest = slopes.square().sum(1).amax((1, 2)).sqrt()
+        return drifts, slopes, odd | ~(slopes.square().sum(1).amax((1, 2)).sqrt() < self.limit)
+
+    def _surfaces(self, drifts: Drifts, slopes: Tensor, odd: Tensor) -> Found:
+        """Return what frames give by their drifts and slopes."""
         depth = self.poisson.integrate(slopes)
         planes = self.plane.find(depth, drifts.untouched)
         depth = self.plane.level(depth, planes)
-        if greys is None and self.grids is not None:
+        if not self.fine and self.grids is not None:
             depth = torch.from_numpy(np.stack([self.grids.whole(one, (), fine=()) for one in depth.numpy()]))
         lowest, highest = depth.amin((1, 2)), depth.amax((1, 2))
-        odd = odd | drifts.odd | planes.odd | ~(steepest < self.limit)
-        return Found(depth, self._std(depth, planes, drifts), lowest, highest, odd, planes, drifts)
+        return Found(depth, self._std(depth, planes, drifts), lowest, highest, odd | planes.odd, planes, drifts)
 
     def _in_pixels(self, slopes: Tensor) -> Tensor:
         """Return slopes of means interpolated to pixels (B, 2, H, W), the last ones continued to the border."""
