@@ -12,7 +12,8 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
+from itertools import count, islice, repeat
 from typing import Any, NamedTuple
 
 import cv2
@@ -25,10 +26,10 @@ from torch.nn import functional
 from tactilevision.errors import InputError
 from tactilevision.heightmap.batched_slopes import Level, active_blocks, undone, window_mask
 from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson, Planes, components
-from tactilevision.heightmap.device import HOST, Recorded, each, find_device
 from tactilevision.heightmap.deviation import Surface
+from tactilevision.heightmap.device import HOST, Recorded, each, find_device
 from tactilevision.heightmap.reconstructor import MIN_CHECKED_MM, Reconstructor
-from tactilevision.photometric.batched_drift import BatchedDrift, Drifts
+from tactilevision.photometric.batched_drift import Batched, BatchedDrift, Drifts
 from tactilevision.photometric.colour_change import FrameChange, brightest
 from tactilevision.photometric.drift import means
 from tactilevision.photometric.method import SlopeReading
@@ -101,11 +102,11 @@ def reconstruct_batch(
 class Found(NamedTuple):
     """What a batch of B frames gave; `lowest`, `highest` of the depths (B,) mm; `odd` (B,) need the frame path."""
 
-    depth: Tensor
-    std: Tensor
-    lowest: Tensor
-    highest: Tensor
-    odd: Tensor
+    depth: Batched
+    std: Batched
+    lowest: Batched
+    highest: Batched
+    odd: Batched
     planes: Planes
     drifts: Drifts
 
@@ -137,28 +138,25 @@ class BatchReader:
         self.means = Level(tiled.maps, tiled.evaluate, tiled.kept_share, tiled.bias, device=device)
         self.pixels = Level(method.change.maps, method.evaluate, method.kept_share, method.bias, device=device)
         assert self.grids is not None
-        shape, step = (self.grids.shape, sensor.mm_per_px) if self.fine else (self.grids.size, self.grids.coarse_mm)
+        shape, step = (
+            (self.grids.shape, sensor.mm_per_px) if self.fine else (self.grids.size, self.grids.coarse_mm)
+        )
         self.poisson = BatchedPoisson(shape, step, device)
         thickness = sensor.gel.thickness_mm if sensor.gel else None
         self.plane = BatchedPlane(
             shape, method.trusted_blocks, mm_per_px=step, thickness_mm=thickness, device=device
         )
-        error = self.error
-        self.gain_square, self.free_mm2 = (
-            torch.as_tensor(np.array(one), device=device) for one in (error.gain_square, error.free_mm2)
-        )
-        self.drift_depths, self.drift_terms = (
-            torch.as_tensor(np.array(one), device=device) for one in (error.drift.depths, error.drift.terms)
-        )
+        error, on = self.error, partial(torch.as_tensor, device=device)
+        self.gain_square, self.free_mm2 = on(error.gain_square), on(error.free_mm2)
+        self.drift_depths, self.drift_terms = on(error.drift.depths), on(error.drift.terms)
+        self.threshold, self.per_noise = on(tiled.slope_threshold), on(tiled.per_noise)
         self.limit = min(self.reconstructor.readable, error.steepest)
         self.over = method.change.overexposed is not None
         self.sound = torch.as_tensor(self.valid, device=device)
         if device != HOST:
             size, maps = (sensor.height_px, sensor.width_px), sensor.rectification
             with torch.inference_mode():
-                self.recorded = Recorded(
-                    self._on_device, device=device, count=self.chunk, shape=size, maps=maps
-                )
+                self.recorded = Recorded(self._on_device, device=device, count=self.chunk, shape=size, maps=maps)
 
     def read(self, frames: Iterable[Frame | Bytes]) -> HeightMaps:
         """Return the height maps of raw frames. Raises as `reconstruct_batch`."""
@@ -176,19 +174,21 @@ class BatchReader:
 
     def _read(self, frames: Sequence[Frame]) -> HeightMaps:
         sensor = self.reconstructor.sensor
-        depth = np.full((len(frames), sensor.height_px, sensor.width_px), np.nan, np.float32)
+        depth: Picture = np.empty((len(frames), sensor.height_px, sensor.width_px), np.float32)
         maps: list[HeightMap | InputError | None] = [None] * len(frames)
         size = frames[0].rgb.shape if frames else ()
         batched = [k for k, one in enumerate(frames) if self.usable and one.rgb.shape == size]
         with torch.inference_mode(), ThreadPoolExecutor(os.cpu_count()) as pool:
             act = map if self.device == HOST else pool.map
             for numbers, rectified, found in self._found(frames, batched):
-                depth[numbers] = found.depth.numpy()[: len(numbers)]
-                made = act(lambda k: self._map(frames, numbers, k, rectified, found, depth), range(len(numbers)))
-                for number, one in zip(numbers, made, strict=True):
+                found = each(Tensor.numpy, found)
+                depth[numbers] = found.depth[: len(numbers)]
+                parts = [frames[k] for k in numbers], [depth[k] for k in numbers], rectified
+                for number, one in zip(numbers, act(partial(self._map, found), count(), *parts), strict=True):
                     maps[number] = one
             alone = [k for k, one in enumerate(maps) if one is None]
-            for number, one in zip(alone, act(lambda k: self._alone(frames[k], depth[k]), alone), strict=True):
+            given = [frames[k] for k in alone], [depth[k] for k in alone]
+            for number, one in zip(alone, act(self._alone, *given), strict=True):
                 maps[number] = one
         return HeightMaps(depth, tuple(one for one in maps if one is not None), self.notes)
 
@@ -203,19 +203,15 @@ class BatchReader:
         depth[...] = height.depth_mm
         return height if height.depth_mm.dtype != np.float32 else replace(height, depth_mm=depth)
 
-    def _map(
-        self, frames: Sequence[Frame], numbers: list[int], k: int, rectified: Any, found: Found, depth: Picture
-    ) -> HeightMap | InputError:
-        """Return the map of the k-th frame of a batch."""
-        frame, own = frames[numbers[k]], depth[numbers[k]]
-        rgb = None if rectified is None else rectified[k]
+    def _map(self, found: Found, k: int, frame: Frame, own: Picture, rgb: Bytes | None) -> HeightMap | InputError:
+        """Return the map of the k-th frame of a batch, whose depth (H, W) is `own`; `rgb` rectified, or None."""
         if found.odd[k]:
             return self._alone(frame, own, rgb)
         zero, drift = found.planes.of(k), found.drifts.of(k)
         seen = FrameChange(self.method.change, frame.rgb if rgb is None else rgb, drift, None, self.valid)
         flags = self.reconstructor.match.flags(seen, zero) if self.reconstructor.match else ()
         if max(-float(found.lowest[k]), float(found.highest[k])) < MIN_CHECKED_MM:
-            std, scale = found.std[k].numpy(), self.reconstructor.sensor.mm_per_px
+            std, scale = found.std[k].copy(), self.reconstructor.sensor.mm_per_px
             return HeightMap(own, self.valid, scale, std, frame.time_s, frame.name, flags,
                              colour_change=drift.normalised_residual)  # fmt: skip
         if rgb is None:
@@ -229,7 +225,7 @@ class BatchReader:
 
     def _found(
         self, frames: Sequence[Frame], batched: Sequence[int]
-    ) -> Iterator[tuple[list[int], Any, Found]]:
+    ) -> Iterator[tuple[list[int], Iterable[Bytes | None], Found]]:
         """Yield numbers of frames, their rectified pictures where the processor made them, and what they gave."""
         left, waiting = iter(batched), None
         while numbers := list(islice(left, self.chunk)):
@@ -241,11 +237,11 @@ class BatchReader:
                 continue
             begun = self.recorded.begin([frames[k].rgb for k in numbers])
             if waiting is not None:
-                yield waiting[0], None, self.recorded.end(waiting[1])
+                yield waiting[0], repeat(None), self.recorded.end(waiting[1])
             waiting = numbers, begun
         if waiting is not None:
             assert self.recorded is not None
-            yield waiting[0], None, self.recorded.end(waiting[1])
+            yield waiting[0], repeat(None), self.recorded.end(waiting[1])
 
     def _on_host(self, rgbs: Sequence[Bytes]) -> tuple[list[int], Found | None]:
         """Return which of the rectified pictures are read on the processor at once, and what they give."""
@@ -279,7 +275,7 @@ class BatchReader:
         """
         drifts = self.drift.measure(tiles)
         slopes = self.means.slopes(undone(tiles, drifts, self.drift.power), drifts.gains)
-        blocks = active_blocks(slopes, self.tiled)
+        blocks = active_blocks(slopes, self.tiled, self.threshold, self.per_noise)
         odd = drifts.odd
         if greys is None:
             odd = odd | blocks.any(2).any(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,27 +20,32 @@ from tactilevision.photometric.methods.polynomial import LOW, MAX_ORDER, Polynom
 from tactilevision.photometric.protocols import Evaluator
 from tactilevision.records.measured import Picture
 
+PARTS = 32  # of a pixel, to which OpenCV rounds maps in fixed point
+
 Law = Callable[[Tensor], Tensor]
 
 
 def rectified(rgb: Tensor, maps: list[Tensor] | None) -> Tensor:
     """Return pictures (B, 3, H, W) in whole grey levels of raw ones (B, rows, columns, 3), by maps x, y (1, H, W).
 
-    kornia's bilinear remap, rounded as `sensors.rectification.rectify` rounds; that has places to 1/32 px.
+    kornia's bilinear remap, with maps and result rounded as in `sensors.rectification.rectify`: the grey levels
+    between pixels are multiples of 1 / PARTS^2, and halves are rounded up.
     """
     planes = rgb.permute(0, 3, 1, 2).float()
     if maps is None:
         return planes
     from kornia.geometry.transform import remap
 
-    x, y = (one.expand(len(planes), -1, -1) for one in maps)
-    return remap(planes, x, y, padding_mode="border", align_corners=True).round()
+    x, y = ((one * PARTS).round().div(PARTS).expand(len(planes), -1, -1) for one in maps)
+    return remap(planes, x, y, padding_mode="border", align_corners=True).add(0.5 + 0.5 / PARTS**2).floor()
 
 
 class Level:
     """Reads grey levels (B, 3, h, w) at one resolution as slopes (B, 2, h, w)."""
 
-    def __init__(self, maps: ChangeMaps, evaluate: Evaluator, kept: Picture, bias: Picture, *, device: str) -> None:
+    def __init__(
+        self, maps: ChangeMaps, evaluate: Evaluator, kept: Picture, bias: Picture, *, device: str
+    ) -> None:
         def on(values: Any) -> Tensor:
             return torch.as_tensor(np.array(values, np.float32), device=device)
 
@@ -110,13 +116,11 @@ def undone(greys: Tensor, drifts: Drifts, power: int) -> Tensor:
     return (linear if power == 1 else linear.clamp(min=0.0).sqrt()).view(greys.shape)
 
 
-def active_blocks(slopes: Tensor, tiled: TiledEvaluator) -> Tensor:
+def active_blocks(slopes: Tensor, tiled: TiledEvaluator, threshold: Tensor, per_noise: Tensor) -> Tensor:
     """Return the blocks (B, rows, columns) around steep or scattered `slopes` (B, 2, h, w).
 
-    As `TiledEvaluator.windows`, before boxes are drawn around them.
+    As `TiledEvaluator.windows`, whose `threshold` and `per_noise` (h, w) these are, before boxes are drawn.
     """
-    threshold, per_noise = (torch.as_tensor(one, device=slopes.device)
-                            for one in (tiled.slope_threshold, tiled.per_noise))  # fmt: skip
     steep = slopes.abs().amax(1) > threshold
     steep = grown(shrunk(steep, 2, 1, outside=True), 2, 1)
     near = functional.pad(torch.cat([slopes, slopes.square()], 1), (1, 1, 1, 1), mode="reflect")
@@ -137,21 +141,23 @@ def window_mask(labels: Tensor, tiled: TiledEvaluator, shape: torch.Size) -> Ten
 
     All pixels where boxes cover more than MAX_WINDOW_SHARE of the picture.
     """
-    count, rows, columns = shape
+    (count, rows, columns), arange = shape, partial(torch.arange, device=labels.device)
     ends = []
-    for at, size in ((torch.arange(rows)[:, None], rows), (torch.arange(columns)[None], columns)):
-        places = at.expand(rows, columns).flatten().to(labels.device).expand(count, -1)
+    for at, size in ((arange(rows)[:, None], rows), (arange(columns)[None], columns)):
+        places = at.expand(rows, columns).flatten().expand(count, -1)
         first = places.new_full((count, labels.shape[1] + 1), size).scatter_reduce(1, labels, places, "amin")
         last = places.new_full(first.shape, -1).scatter_reduce(1, labels, places, "amax") + 1
         ends.append((first, last))
     (top, bottom), (left, right) = ends
     # a box is the sum over the corners' quadrants: +1 at its first corner, -1 at the next ones, +1 at the last
     corners = torch.zeros((count, (rows + 1) * (columns + 1)), dtype=torch.int32, device=labels.device)
-    known = (last > 0) & (torch.arange(labels.shape[1] + 1, device=labels.device) > 0)
+    known = (last > 0) & (arange(labels.shape[1] + 1) > 0)
     for y, x, sign in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
-        place = torch.where(known, y * (columns + 1) + x, 0)
+        place = (y * (columns + 1) + x) * known
         corners = corners.scatter_add(1, place, (known * sign).int())
     boxes = corners.view(count, rows + 1, columns + 1)[:, :rows, :columns].cumsum(1).cumsum(2) > 0
     step = tiled.px * tiled.block
-    pixels = boxes.repeat_interleave(step, 1).repeat_interleave(step, 2)[:, : tiled.shape[0], : tiled.shape[1]]
+    pixels = boxes[:, :, None, :, None].expand(-1, -1, step, -1, step).flatten(3).flatten(1, 2)
+    height, width = tiled.shape  # the last few pixels may be in no block, or blocks reach beyond the picture
+    pixels = functional.pad(pixels, (0, width - pixels.shape[2], 0, height - pixels.shape[1]))
     return pixels | (pixels.float().mean((1, 2)) >= MAX_WINDOW_SHARE)[:, None, None]

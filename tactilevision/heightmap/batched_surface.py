@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -20,7 +21,7 @@ from torch.nn import functional
 from tactilevision.heightmap import zero_plane as one
 from tactilevision.heightmap.poisson import inverse_eigenvalues
 from tactilevision.heightmap.zero_plane import ZeroPlane, plane_terms
-from tactilevision.photometric.batched_drift import ascending, chosen, distance, inverse, masked_median
+from tactilevision.photometric.batched_drift import Batched, ascending, chosen, distance, inverse, masked_median
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Pair
 from tactilevision.robust import MAD_TO_STD
@@ -73,12 +74,12 @@ def components(mask: Tensor, *, corners: bool) -> Tensor:
     """
     first = mask.new_zeros((len(mask), 1), dtype=torch.int32)
     label = torch.arange(1, mask[0].numel() + 1, device=mask.device, dtype=torch.int32).view(mask.shape[1:])
-    label = torch.where(mask, label, 0)
+    label = label * mask
     for _ in range(ROUNDS):
         wide = functional.pad(label, (1, 1, 0, 0))
         across = torch.maximum(torch.maximum(wide[..., :-2], wide[..., 2:]), label)
         tall = functional.pad(across if corners else label, (0, 0, 1, 1))
-        near = torch.where(mask, torch.maximum(torch.maximum(tall[:, :-2], tall[:, 2:]), across), 0).flatten(1)
+        near = (torch.maximum(torch.maximum(tall[:, :-2], tall[:, 2:]), across) * mask).flatten(1)
         named = torch.cat([first, near], 1).scatter_reduce(1, label.flatten(1).long(), near, "amax")
         label = named.gather(1, near.long()).view(mask.shape)
     return label.flatten(1).long()
@@ -90,16 +91,16 @@ class Planes(NamedTuple):
     `odd` (B,): frames with too little untouched gel.
     """
 
-    plane_mm: Tensor
-    std_mm: Tensor
-    share: Tensor
-    takes: Tensor
-    odd: Tensor
+    plane_mm: Batched
+    std_mm: Batched
+    share: Batched
+    takes: Batched
+    odd: Batched
 
     def of(self, k: int) -> ZeroPlane:
-        """Return the plane of the frame k, of tensors on the processor."""
+        """Return the plane of the frame k, of arrays."""
         (offset, x, y), (std, std_x, std_y) = self.plane_mm[k].tolist(), self.std_mm[k].tolist()
-        return ZeroPlane(offset, (x, y), std, float(self.share[k]), self.takes[k].numpy(), (std_x, std_y))
+        return ZeroPlane(offset, (x, y), std, float(self.share[k]), self.takes[k], (std_x, std_y))
 
 
 class BatchedPlane:
@@ -113,7 +114,7 @@ class BatchedPlane:
 
         self.shape, blocks = shape, trusted.shape
         self.down, self.across = (on(_shares(n, few)) for n, few in zip(shape, blocks, strict=True))
-        self.trusted, self.plane = on(trusted), on(plane_terms(shape, blocks))
+        self.trusted, self.plane, self.stiff = on(trusted), on(plane_terms(shape, blocks)), on(one.STIFFENING)
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / blocks[1] + shape[0] * mm_per_px[1] / blocks[0])
         self.decay = block_mm / (one.DECAY_PER_THICKNESS * (thickness_mm or one.USUAL_THICKNESS_MM))
         self.decay_std = one.DECAY_STD if thickness_mm else float(np.hypot(one.DECAY_STD, one.THICKNESS_STD))
@@ -131,7 +132,7 @@ class BatchedPlane:
         count = flat.sum(1)
         odd = (count < one.MIN_BLOCKS) | (3 * count < 2 * flat.shape[1])
         away = (distance(gel) * self.decay).double().flatten(1)
-        near = torch.where(gel.all(2).all(1)[:, None], 0.0, torch.exp(-away))
+        near = torch.exp(-away) * ~gel.all(2).all(1)[:, None]
         rises = self._dented(blocks, gel.flatten(1), flat)
         near = near * rises[:, None]
         terms = torch.cat([self.plane.expand(len(near), -1, -1), torch.stack([near, away * near], 1)], 1)
@@ -151,11 +152,11 @@ class BatchedPlane:
         none = depth.new_zeros((len(depth), depth.shape[1] + 1))
         size = none.scatter_add(1, labels, torch.ones_like(depth))
         at_border = none.scatter_add(1, labels, self.border.double().expand_as(depth)) > 0
-        pieces = torch.where(at_border, size, 0.0)
+        pieces = size * at_border
         pieces[:, 0] = 0.0
         largest, large = pieces.argmax(1, keepdim=True), pieces >= one.CORRELATED
         means = none.scatter_add(1, labels, depth) / size.clamp(min=1.0)
-        highest = torch.where(large, means, torch.inf).argmin(1, keepdim=True)
+        highest = means.masked_fill(~large, torch.inf).argmin(1, keepdim=True)
         lower = means.gather(1, largest) - means.gather(1, highest) > one.MAX_DROP * (
             depth.amax(1) - depth.amin(1)
         ).unsqueeze(1)
@@ -164,33 +165,32 @@ class BatchedPlane:
 
     def _dented(self, depth: Tensor, gel: Tensor, flat: Tensor) -> Tensor:
         """Return which maps (B,) have a dent outside the gel, as `zero_plane._dented`."""
-        stiff = torch.as_tensor(one.STIFFENING[:3, :3], device=depth.device)
         weighted = self.plane * flat[:, None]
-        normal = (weighted @ self.plane.T) * stiff
+        normal = (weighted @ self.plane.T) * self.stiff[:3, :3]
         plane = (inverse(normal)[0] @ (weighted @ depth[..., None]))[..., 0]
         off = depth - plane @ self.plane
         limit = one.DENTED * MAD_TO_STD * masked_median(off.abs(), flat)
-        return torch.where(gel, -torch.inf, off).amax(1) > limit
+        return off.masked_fill(gel, -torch.inf).amax(1) > limit
 
     def _reweighted(
         self, terms: Tensor, depth: Tensor, flat: Tensor, rises: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return coefficients (B, 5), their deviations, and weights of the depths, as `_reweighted_fit`."""
         count = flat.sum(1, keepdim=True)
-        correlated, stiff = count.clamp(max=one.CORRELATED), torch.as_tensor(one.STIFFENING, device=depth.device)
-        prior, rows = one.FIRST_WEIGHT * count[:, 0] * 1.0, torch.cat([terms, depth[:, None]], 1)
+        correlated, prior = count.clamp(max=one.CORRELATED), 1.0 * one.FIRST_WEIGHT * count[:, 0]
+        rows = torch.cat([terms, depth[:, None]], 1)
         weighted, live = terms * flat[:, None], rises | ~rises
         unused = torch.diag_embed((~rises[:, None]).double() * (torch.arange(5, device=depth.device) > 2))
         kept: list[Tensor] = []
         solution = depth.new_zeros((len(depth), 5))
         for _ in range(one.MAX_ITERATIONS):
             sums = weighted @ rows.transpose(1, 2)
-            normal = sums[..., :-1] * stiff + unused
-            normal[:, -1, -1] += torch.where(rises, prior, 0.0)
+            normal = sums[..., :-1] * self.stiff + unused
+            normal[:, -1, -1] += prior * rises
             inverted = inverse(normal)[0]
             found = (inverted @ sums[..., -1:])[..., 0]
             square = ((found[:, None] @ terms)[:, 0] - depth).square()
-            square = torch.where(flat, square, torch.inf)
+            square = square.masked_fill(~flat, torch.inf)
             scale = MAD_TO_STD * ascending(square).gather(1, count // 2).sqrt() + TINY
             state = [found, scale, inverted]
             moved = (found - solution)[:, :3].abs().amax(1) >= one.CONVERGENCE_TOL * scale[:, 0]
@@ -212,6 +212,4 @@ def _shares(count: int, blocks: int) -> Any:
     places = np.eye(count, dtype=np.float32)
     if count > blocks * one.SAMPLED:
         places = places[np.arange(blocks * one.SAMPLED) * count // (blocks * one.SAMPLED)]
-    import cv2
-
     return cv2.resize(places, (count, blocks), interpolation=cv2.INTER_AREA)

@@ -62,7 +62,9 @@ class Recorded(Generic[T]):
         self.graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(self.graph):
             self.found = act(self.greys)
-        self.kept = [each(lambda one: torch.empty_like(one, device=HOST, pin_memory=True), self.found) for _ in "12"]
+        self.kept = [
+            each(lambda one: torch.empty_like(one, device=HOST, pin_memory=True), self.found) for _ in "12"
+        ]
         self.done, self.turn = [torch.cuda.Event(), torch.cuda.Event()], 0
         self.given: list[Tensor] = []
 

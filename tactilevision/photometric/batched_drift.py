@@ -1,8 +1,8 @@
 """Estimate the drift of the light in many frames at once, in torch: the equations of `drift.py`.
 
 Every step works on a batch (B, ...); a frame whose iteration has converged keeps its values. On a device no step
-depends on the numbers, so that it needs no synchronisation and may record them. The processor omits steps that no
-frame of the batch needs.
+depends on the numbers or copies any there, so that it needs no synchronisation and may record them. The processor
+omits steps that no frame of the batch needs.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ FAR = 1e8  # blocks squared: farther than any block
 SWAPPED_MARGIN = 1.2  # of `MAX_SWAPPED_SHARE`: the frame's own check decides
 
 
+Batched = Any  # a tensor (B, ...), or its array on the processor
+
+
 class Drifts(NamedTuple):
     """Drift of B frames: the fields of `drift.Drift`, stacked.
 
@@ -32,25 +35,30 @@ class Drifts(NamedTuple):
     read one by one, which may not be of this sensor.
     """
 
-    gains: Tensor
-    untouched: Tensor
-    normalised_residual: Tensor
-    undo: Tensor
-    mixed: Tensor
-    covariance: Tensor
-    drifted: Tensor
-    misfit: Tensor
-    left: Tensor
-    means: Tensor
-    odd: Tensor
+    gains: Batched
+    untouched: Batched
+    normalised_residual: Batched
+    undo: Batched
+    mixed: Batched
+    covariance: Batched
+    drifted: Batched
+    misfit: Batched
+    left: Batched
+    means: Batched
+    odd: Batched
 
     def of(self, k: int) -> Drift:
-        """Return the drift of the frame k, of tensors on the processor."""
-        found: dict[str, Any] = {name: part[k].numpy() for name, part in self._asdict().items()}
-        drifted, mixed, _ = (bool(found.pop(name)) for name in ("drifted", "mixed", "odd"))
-        found["covariance"] = found["covariance"] if drifted else None
-        found["undo"] = found["undo"] if mixed else None
-        return Drift(**found | {"misfit": float(found["misfit"])})
+        """Return the drift of the frame k, of arrays."""
+        return Drift(
+            self.gains[k],
+            self.untouched[k],
+            self.normalised_residual[k].copy(),  # kept with the map
+            self.undo[k] if self.mixed[k] else None,
+            self.covariance[k] if self.drifted[k] else None,
+            float(self.misfit[k]),
+            self.left[k],
+            self.means[k],
+        )
 
 
 class BatchedDrift:
@@ -176,14 +184,14 @@ class BatchedDrift:
         bend = (change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2]).abs()
         counted = (weights[:, None, :, 1:-1] > 0.5).expand_as(bend).flatten(1)
         found = MAD_TO_STD / 6**0.5 * masked_median(bend.flatten(1), counted)
-        return torch.where(counted.any(1), found.clamp(min=one.MIN_NOISE), 1.0)
+        return found.clamp(min=one.MIN_NOISE).masked_fill(~counted.any(1), 1.0)
 
     def _slopes(self, change: Tensor, contact: Tensor) -> Tensor:
         """Return the changes (B, 3, k, n) by likely slopes around a `contact` (B, n), as `drift.likely_slopes`."""
         effects = self.slope_effects
         share = one.SLOPE_SHARE if effects.shape[1] == 2 else one.GUESSED_SHARE
         ratio = change.square().sum(1) / effects.square().sum((0, 1))
-        rms = torch.where(contact.any(1), masked_median(ratio, contact), 0.0).sqrt()
+        rms = masked_median(ratio, contact).masked_fill(~contact.any(1), 0.0).sqrt()
         away = distance(~contact.unflatten(1, self.shape)).flatten(1)
         fall = torch.exp(-away * (torch.pi / contact.sum(1).clamp(min=1)).sqrt()[:, None])
         return effects * (share * rms[:, None] * fall)[:, None, None]
@@ -235,7 +243,7 @@ class BatchedDrift:
         """Return gains (B, 3, 3), corrections (B, 3, 4) and whether they mix light (B,)."""
         gain = 1.0 + self.power * drift[..., 0]
         mixed = drift[..., 3:].abs().amax((1, 2)) >= self.power * one.CONVERGENCE_TOL
-        level = torch.where(mixed[:, None], 1.0, gain ** (1.0 / self.power))
+        level = (gain ** (1.0 / self.power)).masked_fill(mixed[:, None], 1.0)
         gains = torch.cat([(level - 1.0)[..., None], drift[..., 1:3] * (level / gain)[..., None]], -1)
         mix = torch.diag_embed(gain - drift[..., 4] - drift[..., 5])
         mix = mix.scatter_add(2, self.others.expand(len(mix), -1, -1), drift[..., 4:])
@@ -263,7 +271,7 @@ def chosen(which: Tensor, values: Tensor, others: Tensor) -> Tensor:
 
 
 def grown(mask: Tensor, size: int, before: int) -> Tensor:
-    """Return a mask (B, h, w) dilated by a square of `size`, `before` of it to the left of and above its anchor."""
+    """Return a mask (B, h, w) dilated by a square of `size`, `before` of it left of and above the anchor."""
     padded = functional.pad(mask, (before, size - 1 - before) * 2)
     for axis, count in ((1, mask.shape[1]), (2, mask.shape[2])):
         parts = [padded.narrow(axis, start, count) for start in range(size)]
@@ -281,7 +289,7 @@ def shrunk(mask: Tensor, size: int, before: int, *, outside: bool) -> Tensor:
 def distance(inside: Tensor) -> Tensor:
     """Return the distance (B, h, w) to the nearest place outside the mask (B, h, w), in places."""
     rows, columns = (torch.arange(n, device=inside.device, dtype=torch.float32) for n in inside.shape[1:])
-    square = torch.where(inside, FAR, 0.0)[..., None] + (columns[:, None] - columns).square()
+    square = (FAR * inside)[..., None] + (columns[:, None] - columns).square()
     return (square.amin(2)[:, :, None] + (rows[:, None] - rows).square()[..., None]).amin(1).sqrt()
 
 
@@ -294,7 +302,7 @@ def ascending(values: Tensor) -> Tensor:
 
 def masked_median(values: Tensor, mask: Tensor) -> Tensor:
     """Return the median (B,) of `values` (B, n) where the `mask` (B, n) is set; infinite where it is not."""
-    ordered, count = ascending(torch.where(mask, values, torch.inf)), mask.sum(-1, keepdim=True)
+    ordered, count = ascending(values.masked_fill(~mask, torch.inf)), mask.sum(-1, keepdim=True)
     low, high = ((count - 1) // 2).clamp(min=0), (count // 2).clamp(max=values.shape[1] - 1)
     return (0.5 * (ordered.gather(1, low) + ordered.gather(1, high)))[:, 0]
 
