@@ -8,6 +8,7 @@ frames with steeper slopes. Maps of free and gentle gel are within 1 um rms of t
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -45,12 +46,11 @@ class HeightMaps(Sequence[HeightMap]):
     """Height maps of N frames of one sensor, in order: `maps[k]` is that of frame k.
 
     `depth_mm` (N, H, W) float32, NaN in frames without a map; `found` holds each frame's map, or the error why
-    there is none, which `maps[k]` raises. `notes` are sentences on the device.
+    there is none, which `maps[k]` raises.
     """
 
     depth_mm: Picture
     found: tuple[HeightMap | InputError, ...]
-    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.found)
@@ -58,12 +58,13 @@ class HeightMaps(Sequence[HeightMap]):
     def __getitem__(self, k: Any) -> Any:
         if isinstance(k, slice):
             return replace(self, depth_mm=self.depth_mm[k], found=self.found[k])
-        one = self.found[k]
-        if isinstance(one, InputError):
+        if isinstance(one := _whole(self.found[k]), InputError):
             raise one
-        if one.std_mm is None or one.std_mm.shape == one.depth_mm.shape:
-            return one
-        return replace(one, std_mm=np.asarray(cv2.resize(one.std_mm, one.depth_mm.shape[::-1])))
+        return one
+
+    def each(self) -> Iterator[HeightMap | InputError]:
+        """Yield the map of every frame, or the error why there is none."""
+        return map(_whole, self.found)
 
     @property
     def valid(self) -> Bools:
@@ -75,15 +76,22 @@ class HeightMaps(Sequence[HeightMap]):
     def std_mm(self) -> Array:
         """Return the standard deviations (N, H, W) of the depths, mm; NaN where there is none."""
         out = np.full(self.depth_mm.shape, np.nan, np.float32)
-        for k, one in enumerate(self.found):
-            if not isinstance(one, InputError) and (std := self[k].std_mm) is not None:
-                out[k] = std
+        for own, one in zip(out, self.each(), strict=True):
+            if not isinstance(one, InputError) and one.std_mm is not None:
+                own[...] = one.std_mm
         return out
 
     @property
     def flags(self) -> tuple[tuple[str, ...], ...]:
         """Return the flags of each frame's map, none for a frame without a map."""
         return tuple(() if isinstance(one, InputError) else one.flags for one in self.found)
+
+
+def _whole(one: HeightMap | InputError) -> HeightMap | InputError:
+    """Return a map with its deviation in every pixel, which is kept on a grid."""
+    if isinstance(one, InputError) or one.std_mm is None or one.std_mm.shape == one.depth_mm.shape:
+        return one
+    return replace(one, std_mm=np.asarray(cv2.resize(one.std_mm, one.depth_mm.shape[::-1])))
 
 
 def reconstruct_batch(
@@ -120,7 +128,6 @@ class BatchReader:
 
     def __init__(self, reconstructor: Reconstructor, device: str = "auto", *, fine: bool | None = None) -> None:
         self.reconstructor, self.may_change = reconstructor, device == "auto"
-        self.notes: tuple[str, ...] = ()
         self._prepare(find_device(device), fine)
 
     def _prepare(self, device: str, fine: bool | None = None) -> None:
@@ -168,8 +175,8 @@ class BatchReader:
             if not self.may_change or self.device == HOST:
                 remedy = "End other programs on it, or use cpu."
                 raise InputError(what, where="device", value=self.device, remedy=remedy) from fault
+            logging.getLogger(__name__).warning("%s: the processor goes on", what)
             self._prepare(HOST)
-            self.notes = (f"{what}: the processor goes on",)
         return self._read(given)
 
     def _read(self, frames: Sequence[Frame]) -> HeightMaps:
@@ -190,7 +197,7 @@ class BatchReader:
             given = [frames[k] for k in alone], [depth[k] for k in alone]
             for number, one in zip(alone, act(self._alone, *given), strict=True):
                 maps[number] = one
-        return HeightMaps(depth, tuple(one for one in maps if one is not None), self.notes)
+        return HeightMaps(depth, tuple(one for one in maps if one is not None))
 
     def _alone(self, frame: Frame, depth: Picture, rgb: Bytes | None = None) -> HeightMap | InputError:
         """Return the frame path's map, written to `depth` (H, W) as well, or its error."""
