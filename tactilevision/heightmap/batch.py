@@ -26,7 +26,7 @@ from torch.nn import functional
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.batched_slopes import Level, active_blocks, undone, window_mask
-from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson, Planes, components
+from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson, Planes
 from tactilevision.heightmap.deviation import Surface
 from tactilevision.heightmap.device import HOST, Recorded, each, find_device
 from tactilevision.heightmap.reconstructor import MIN_CHECKED_MM, Reconstructor
@@ -199,21 +199,20 @@ class BatchReader:
                 maps[number] = one
         return HeightMaps(depth, tuple(one for one in maps if one is not None))
 
-    def _alone(self, frame: Frame, depth: Picture, rgb: Bytes | None = None) -> HeightMap | InputError:
-        """Return the frame path's map, written to `depth` (H, W) as well, or its error."""
-        depth[...] = np.nan
+    def _alone(self, frame: Frame, own: Picture) -> HeightMap | InputError:
+        """Return the frame path's map, written to `own` (H, W) as well, or its error."""
         try:
-            rgb = self.reconstructor.rectified(frame) if rgb is None else rgb
-            height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
+            height = self.reconstructor.height_map(frame)
         except InputError as fault:
+            own[...] = np.nan
             return fault
-        depth[...] = height.depth_mm
-        return height if height.depth_mm.dtype != np.float32 else replace(height, depth_mm=depth)
+        own[...] = height.depth_mm
+        return height
 
     def _map(self, found: Found, k: int, frame: Frame, own: Picture, rgb: Bytes | None) -> HeightMap | InputError:
         """Return the map of the k-th frame of a batch, whose depth (H, W) is `own`; `rgb` rectified, or None."""
         if found.odd[k]:
-            return self._alone(frame, own, rgb)
+            return self._alone(frame, own)
         zero, drift = found.planes.of(k), found.drifts.of(k)
         seen = FrameChange(self.method.change, frame.rgb if rgb is None else rgb, drift, None, self.valid)
         flags = self.reconstructor.match.flags(seen, zero) if self.reconstructor.match else ()
@@ -288,7 +287,7 @@ class BatchReader:
             odd = odd | blocks.any(2).any(1)
         else:
             fine = self.pixels.slopes(undone(greys, drifts, self.drift.power), drifts.gains)
-            inside = window_mask(components(blocks, corners=True), self.tiled, blocks.shape)
+            inside = window_mask(blocks, self.tiled)
             slopes = torch.where(inside[:, None], fine, self._in_pixels(slopes))
         return drifts, slopes, odd | ~(slopes.square().sum(1).amax((1, 2)).sqrt() < self.limit)
 
@@ -313,7 +312,9 @@ class BatchReader:
         few = depth[:, :: self.error.every, :: self.error.every]
         x, y = (torch.linspace(-1, 1, n, device=depth.device).square() for n in few.shape[:0:-1])
         offset, along_x, along_y = planes.std_mm.float().square()[:, :, None, None].unbind(1)
-        total = self.gain_square * few.square() + self.free_mm2 + (x * along_x + offset) + y[:, None] * along_y
+        total: Tensor = (
+            self.gain_square * few.square() + self.free_mm2 + (x * along_x + offset) + y[:, None] * along_y
+        )
         if self.device != HOST or drifts.drifted.any():
             depths = self.drift_depths - (self.drift_depths @ planes.takes.double().mT) @ self.drift_terms
             light = (depths * (drifts.covariance @ depths)).sum(1).float().view(len(depth), 1, *self.drift.shape)

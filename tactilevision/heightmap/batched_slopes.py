@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,10 @@ def rectified(rgb: Tensor, maps: list[Tensor] | None) -> Tensor:
     from kornia.geometry.transform import remap
 
     x, y = ((one * PARTS).round().div(PARTS).expand(len(planes), -1, -1) for one in maps)
-    return remap(planes, x, y, padding_mode="border", align_corners=True).add(0.5 + 0.5 / PARTS**2).floor()
+    rounded: Tensor = (
+        remap(planes, x, y, padding_mode="border", align_corners=True).add(0.5 + 0.5 / PARTS**2).floor()
+    )
+    return rounded
 
 
 class Level:
@@ -113,7 +115,7 @@ def undone(greys: Tensor, drifts: Drifts, power: int) -> Tensor:
         return greys
     light, undo = greys.flatten(2), drifts.undo.float()
     linear = undo[..., :3] @ (light if power == 1 else light.square()) + undo[..., 3:]
-    return (linear if power == 1 else linear.clamp(min=0.0).sqrt()).view(greys.shape)
+    return torch.as_tensor(linear if power == 1 else linear.clamp(min=0.0).sqrt()).view(greys.shape)
 
 
 def active_blocks(slopes: Tensor, tiled: TiledEvaluator, threshold: Tensor, per_noise: Tensor) -> Tensor:
@@ -132,32 +134,18 @@ def active_blocks(slopes: Tensor, tiled: TiledEvaluator, threshold: Tensor, per_
     active = steep | (scatter > SCATTER_SIGMA**2 * typical.clamp(min=1.0)[:, None, None])
     (height, width), block = tiled.padded, tiled.block
     whole = functional.pad(active, (0, width - active.shape[2], 0, height - active.shape[1]))
-    blocks = whole.unflatten(2, (-1, block)).unflatten(1, (-1, block)).any(4).any(2)
+    blocks = whole.reshape(-1, height // block, block, width // block, block).any(4).any(2)
     return grown(blocks, 3, 1)
 
 
-def window_mask(labels: Tensor, tiled: TiledEvaluator, shape: torch.Size) -> Tensor:
-    """Return the pixels (B, H, W) in the boxes around parts, of `labels` (B, n) in blocks of a `shape` (B, h, w).
+def window_mask(blocks: Tensor, tiled: TiledEvaluator) -> Tensor:
+    """Return the pixels (B, H, W) in rows and in columns with active `blocks` (B, h, w).
 
-    All pixels where boxes cover more than MAX_WINDOW_SHARE of the picture.
+    Around one contact that is its box. All pixels where they cover more than MAX_WINDOW_SHARE of the picture.
     """
-    (count, rows, columns), arange = shape, partial(torch.arange, device=labels.device)
-    ends = []
-    for at, size in ((arange(rows)[:, None], rows), (arange(columns)[None], columns)):
-        places = at.expand(rows, columns).flatten().expand(count, -1)
-        first = places.new_full((count, labels.shape[1] + 1), size).scatter_reduce(1, labels, places, "amin")
-        last = places.new_full(first.shape, -1).scatter_reduce(1, labels, places, "amax") + 1
-        ends.append((first, last))
-    (top, bottom), (left, right) = ends
-    # a box is the sum over the corners' quadrants: +1 at its first corner, -1 at the next ones, +1 at the last
-    corners = torch.zeros((count, (rows + 1) * (columns + 1)), dtype=torch.int32, device=labels.device)
-    known = (last > 0) & (arange(labels.shape[1] + 1) > 0)
-    for y, x, sign in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
-        place = (y * (columns + 1) + x) * known
-        corners = corners.scatter_add(1, place, (known * sign).int())
-    boxes = corners.view(count, rows + 1, columns + 1)[:, :rows, :columns].cumsum(1).cumsum(2) > 0
-    step = tiled.px * tiled.block
-    pixels = boxes[:, :, None, :, None].expand(-1, -1, step, -1, step).flatten(3).flatten(1, 2)
-    height, width = tiled.shape  # the last few pixels may be in no block, or blocks reach beyond the picture
+    (height, width), step = tiled.shape, tiled.px * tiled.block
+    inside = blocks.any(2)[:, :, None, None, None] & blocks.any(1)[:, None, None, :, None]
+    pixels = inside.expand(-1, -1, step, -1, step).flatten(3).flatten(1, 2)
+    # the last few pixels may be in no block, or blocks reach beyond the picture
     pixels = functional.pad(pixels, (0, width - pixels.shape[2], 0, height - pixels.shape[1]))
     return pixels | (pixels.float().mean((1, 2)) >= MAX_WINDOW_SHARE)[:, None, None]

@@ -63,23 +63,24 @@ class BatchedPoisson:
         count = modes.shape[-1]
         mirrored = functional.pad(modes[..., 1:].flip(-1), (1, 0))[..., : count // 2 + 1]
         half = torch.complex(modes[..., : count // 2 + 1], -mirrored) * self.turns[axis][: count // 2 + 1]
-        return torch.fft.irfft(half, n=count)[..., self.orders[axis][1]]
+        lines: Tensor = torch.fft.irfft(half, n=count)
+        return lines[..., self.orders[axis][1]]
 
 
-def components(mask: Tensor, *, corners: bool) -> Tensor:
+def components(mask: Tensor) -> Tensor:
     """Return labels (B, h * w) of the connected parts of a mask (B, h, w), 0 outside.
 
-    Neighbours share an edge, or with `corners` a corner. Every place takes the greatest label around it, also for
+    Neighbours share an edge. Every place takes the greatest label around it, also for
     the place that its label names, then the label of the place so named.
     """
     first = mask.new_zeros((len(mask), 1), dtype=torch.int32)
     label = torch.arange(1, mask[0].numel() + 1, device=mask.device, dtype=torch.int32).view(mask.shape[1:])
     label = label * mask
     for _ in range(ROUNDS):
-        wide = functional.pad(label, (1, 1, 0, 0))
-        across = torch.maximum(torch.maximum(wide[..., :-2], wide[..., 2:]), label)
-        tall = functional.pad(across if corners else label, (0, 0, 1, 1))
-        near = (torch.maximum(torch.maximum(tall[:, :-2], tall[:, 2:]), across) * mask).flatten(1)
+        wide = functional.pad(label, (1, 1, 1, 1))
+        across = torch.maximum(wide[:, 1:-1, :-2], wide[:, 1:-1, 2:])
+        down = torch.maximum(wide[:, :-2, 1:-1], wide[:, 2:, 1:-1])
+        near = (torch.maximum(torch.maximum(across, down), label) * mask).flatten(1)
         named = torch.cat([first, near], 1).scatter_reduce(1, label.flatten(1).long(), near, "amax")
         label = named.gather(1, near.long()).view(mask.shape)
     return label.flatten(1).long()
@@ -142,13 +143,14 @@ class BatchedPlane:
     def level(self, depth: Tensor, planes: Planes) -> Tensor:
         """Return depths minus their planes."""
         offset, x, y = planes.plane_mm.float()[:, :, None, None].unbind(1)
-        return depth - (self.x * x + offset) - self.y[:, None] * y
+        flat: Tensor = depth - (self.x * x + offset) - self.y[:, None] * y
+        return flat
 
     def _outer_gel(self, untouched: Tensor, depth: Tensor) -> Tensor:
         """Return the untouched blocks (B, rows, columns) around all contacts, as `zero_plane._outer_gel`."""
         if not self.recorded and untouched.all():
             return untouched
-        labels = components(untouched, corners=False)
+        labels = components(untouched)
         none = depth.new_zeros((len(depth), depth.shape[1] + 1))
         size = none.scatter_add(1, labels, torch.ones_like(depth))
         at_border = none.scatter_add(1, labels, self.border.double().expand_as(depth)) > 0

@@ -35,7 +35,7 @@ def find_device(asked: str) -> str:
     raise InputError("torch finds no such device", where="device", value=asked, remedy=remedy)
 
 
-def each(act: Callable[[Tensor], Tensor], found: Any) -> Any:
+def each(act: Callable[[Tensor], Any], found: Any) -> Any:
     """Return a nested named tuple of tensors with `act` applied to each."""
     return type(found)(*(each(act, one) if isinstance(one, tuple) else act(one) for one in found))
 
@@ -51,21 +51,22 @@ class Recorded(Generic[T]):
         self, act: Callable[[Tensor], T], *, device: str, count: int, shape: tuple[int, int],
         maps: tuple[Picture, Picture] | None,
     ) -> None:  # fmt: skip
+        self.device = device
         self.maps = maps and [torch.from_numpy(one.copy()).to(device)[None] for one in maps]
         self.greys = torch.full((count, 3, *shape), 128.0, device=device)
-        side = torch.cuda.Stream(device)
-        side.wait_stream(torch.cuda.current_stream(device))
-        with torch.cuda.stream(side):
-            for _ in range(WARM):
-                act(self.greys)
-        torch.cuda.current_stream(device).wait_stream(side)
-        self.graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self.graph):
-            self.found = act(self.greys)
+        with torch.cuda.device(device):
+            side, self.graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()  # type: ignore[no-untyped-call]
+            side.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(side):
+                for _ in range(WARM):
+                    act(self.greys)
+            torch.cuda.current_stream().wait_stream(side)
+            with torch.cuda.graph(self.graph):
+                self.found = act(self.greys)
         self.kept = [
             each(lambda one: torch.empty_like(one, device=HOST, pin_memory=True), self.found) for _ in "12"
         ]
-        self.done, self.turn = [torch.cuda.Event(), torch.cuda.Event()], 0
+        self.done, self.turn = [torch.cuda.Event() for _ in "12"], 0  # type: ignore[no-untyped-call]
         self.given: list[Tensor] = []
 
     def begin(self, rgbs: Sequence[Bytes]) -> int:
@@ -76,11 +77,12 @@ class Recorded(Generic[T]):
         given = self.given[self.turn]  # its last copy has ended: `end` waited for what came after it
         for k, rgb in enumerate(rgbs):
             given[k] = torch.from_numpy(rgb)
-        self.greys.copy_(rectified(given.to(self.greys.device, non_blocking=True), self.maps))
-        self.graph.replay()
-        for kept, made in zip(leaves(self.kept[self.turn]), leaves(self.found), strict=True):
-            kept.copy_(made, non_blocking=True)
-        self.done[self.turn].record()
+        with torch.cuda.device(self.device):
+            self.greys.copy_(rectified(given.to(self.device, non_blocking=True), self.maps))
+            self.graph.replay()
+            for kept, made in zip(leaves(self.kept[self.turn]), leaves(self.found), strict=True):
+                kept.copy_(made, non_blocking=True)
+            self.done[self.turn].record()
         return self.turn
 
     def end(self, turn: int) -> T:

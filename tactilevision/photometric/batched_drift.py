@@ -105,8 +105,8 @@ class BatchedDrift:
         squares = left.square().sum(1)
         return Drifts(
             torch.where(drifted[:, None, None], level_gains, gains),
-            (self.usable & (squares < limit)).unflatten(1, self.shape),
-            squares.sqrt().unflatten(1, self.shape),
+            (self.usable & (squares < limit)).reshape(-1, *self.shape),
+            squares.sqrt().reshape(-1, *self.shape),
             undo,
             mixed & drifted,
             covariance,
@@ -138,7 +138,7 @@ class BatchedDrift:
             limit = CONTACT.colour_sigma**2 * scale
             weights = self.usable / (1.0 + squares / (9.0 * scale)).square()
             touched = self.usable & (squares > limit)
-            solid = shrunk(touched.unflatten(1, self.shape), 2, 1, outside=True)
+            solid = shrunk(touched.reshape(-1, *self.shape), 2, 1, outside=True)
             fitting = weights * ~grown(solid, 8, 3).flatten(1)
             fitting = torch.where(((fitting != 0).sum(1) < one.MIN_BLOCKS)[:, None], weights, fitting)
             after = self._fit(weighted, fitting, gains[:, :, 0])
@@ -151,7 +151,7 @@ class BatchedDrift:
 
     def _fit(self, weighted: Tensor, weights: Tensor, constant: Tensor) -> Tensor:
         """Return gains (B, 3, 3) by weighted least squares with a prior on the plane."""
-        normal = (weights @ self.normal).unflatten(1, (3, 3, 3))
+        normal = (weights @ self.normal).reshape(-1, 3, 3, 3)
         prior = one.CORRELATED / (one.PLANE_SHARE * constant.abs() + one.MIN_PLANE).square()
         normal = normal + torch.diag_embed(torch.stack([torch.full_like(prior, TINY), prior, prior], -1))
         right = (weighted * weights[:, None]) @ self.basis
@@ -162,7 +162,7 @@ class BatchedDrift:
     ) -> tuple[Tensor, Tensor]:
         """Return the drift (B, 3, 6) and its covariance (B, 18, 18), as `DriftTracker._separated`."""
         noise = self._noise(change, weights)[:, None, None]
-        contact = grown(shrunk(touched.unflatten(1, self.shape), 2, 1, outside=False), 2, 0).flatten(1)
+        contact = grown(shrunk(touched.reshape(-1, *self.shape), 2, 1, outside=False), 2, 0).flatten(1)
         slopes = self._slopes(change, contact) / noise[..., None] if self.recorded or contact.any() else None
         gain = (1.0 + constant) ** self.power - 1.0
         normal, right = self._normal(change, weights / one.CORRELATED_NOISE, slopes)
@@ -176,11 +176,11 @@ class BatchedDrift:
         mean = (probability * solution).sum(1)
         off = solution - mean[:, None]
         spread = spread + off[..., None] * off[..., None, :]
-        return mean.unflatten(1, (3, one.TERMS)), (probability[..., None] * spread).sum(1)
+        return mean.reshape(-1, 3, one.TERMS), (probability[..., None] * spread).sum(1)
 
     def _noise(self, change: Tensor, weights: Tensor) -> Tensor:
         """Return the noise (B,) of the blocks, as `drift.noise_of`."""
-        change, weights = change.unflatten(2, self.shape), weights.unflatten(1, self.shape)
+        change, weights = change.reshape(-1, 3, *self.shape), weights.reshape(-1, *self.shape)
         bend = (change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2]).abs()
         counted = (weights[:, None, :, 1:-1] > 0.5).expand_as(bend).flatten(1)
         found = MAD_TO_STD / 6**0.5 * masked_median(bend.flatten(1), counted)
@@ -192,7 +192,7 @@ class BatchedDrift:
         share = one.SLOPE_SHARE if effects.shape[1] == 2 else one.GUESSED_SHARE
         ratio = change.square().sum(1) / effects.square().sum((0, 1))
         rms = masked_median(ratio, contact).masked_fill(~contact.any(1), 0.0).sqrt()
-        away = distance(~contact.unflatten(1, self.shape)).flatten(1)
+        away = distance(~contact.reshape(-1, *self.shape)).flatten(1)
         fall = torch.exp(-away * (torch.pi / contact.sum(1).clamp(min=1)).sqrt()[:, None])
         return effects * (share * rms[:, None] * fall)[:, None, None]
 
@@ -202,7 +202,8 @@ class BatchedDrift:
         The trust of a block is diag(w) - sum_k v_k v_k' / p_k; its products are summed term by term.
         """
         same = weights[:, None]
-        blocks, lost = (weights @ self.squares).unflatten(1, (3, one.TERMS, one.TERMS)), []
+        blocks = (weights @ self.squares).reshape(-1, 3, one.TERMS, one.TERMS)
+        lost: list[tuple[Tensor, Tensor]] = []
         wanted = same * change
         for unit in () if slopes is None else slopes.unbind(2):
             pull = same * unit
