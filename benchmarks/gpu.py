@@ -29,7 +29,7 @@ from tactilevision.synthetic.punch import PunchPress, punch_profile
 SEEDS = 16  # different pictures of each kind, repeated
 TURNS = 3  # of each way in turn
 ALONE = 40  # frames that the frame path reads for comparison
-# of an H100 or H200 SXM by its data sheet: bytes a second of its memory (H100) and of PCIe 5, operations in float32
+# of an H100 SXM by its data sheet: bytes a second of its memory and of PCIe 5, operations in float32
 MEMORY, BUS, OPERATIONS = 3.35e12, 5e10, 6.7e13
 
 
@@ -126,8 +126,10 @@ def steps(reader: BatchReader) -> None:
     end.record()
     torch.cuda.synchronize()
     ms = begin.elapsed_time(end) / 20
-    print(f"steps on the device: {ms:.2f} ms for {reader.chunk} frames, {1e3 * reader.chunk / ms:.0f} frames a second; "
-          f"{torch.cuda.max_memory_allocated() / 2**30:.1f} GiB")  # fmt: skip
+    rate, memory = 1e3 * reader.chunk / ms, torch.cuda.max_memory_allocated() / 2**30
+    print(
+        f"steps on the device: {ms:.2f} ms for {reader.chunk} frames, {rate:.0f} frames a second; {memory:.1f} GiB"
+    )
 
 
 def quick() -> None:

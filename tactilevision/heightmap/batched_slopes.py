@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tactilevision.photometric.batched_drift import Drifts, ascending, grown, shrunk
-from tactilevision.photometric.colour_change import ChangeMaps
+from tactilevision.photometric.colour_change import STRIP_PX, ChangeMaps
 from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.method import MAX_WINDOW_SHARE, SCATTER_SIGMA, STRIDE, TiledEvaluator
 from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
@@ -76,8 +76,7 @@ def _polynomial(evaluate: PolynomialEvaluator, on: Callable[[Any], Tensor]) -> L
     low, high, x = on(evaluate.per_row[:, :LOW]), on(evaluate.per_row[:, LOW:, :3]), on(evaluate.x)
     bound = float(evaluate.bound)
 
-    def slopes(change: Tensor) -> Tensor:
-        rows = change.permute(2, 1, 0, 3)  # one product a row of the picture, of all frames
+    def strip(rows: Tensor, low: Tensor, high: Tensor) -> Tensor:
         products = rows.new_empty((len(rows), evaluate.products, *rows.shape[2:]))
         products[:, :3] = rows
         for first, below, above in evaluate.raised:
@@ -87,7 +86,12 @@ def _polynomial(evaluate: PolynomialEvaluator, on: Callable[[Any], Tensor]) -> L
         found = sums[:, MAX_ORDER]
         for i in reversed(range(MAX_ORDER)):
             found = torch.addcmul(sums[:, i], found, x)
-        return found.clamp(-bound, bound).permute(2, 1, 0, 3)
+        return found.clamp(-bound, bound)
+
+    def slopes(change: Tensor) -> Tensor:
+        rows = change.permute(2, 1, 0, 3)  # one product a row of the picture, of all frames
+        step = len(rows) if change.device.type != "cpu" else max(1, STRIP_PX // rows[0, 0].numel())
+        return torch.cat(list(map(strip, *(one.split(step) for one in (rows, low, high))))).permute(2, 1, 0, 3)
 
     return slopes
 
