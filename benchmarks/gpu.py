@@ -23,7 +23,7 @@ from tactilevision.heightmap.device import find_device
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.methods.polynomial import LOW, MAX_ORDER, PolynomialEvaluator
 from tactilevision.synthetic.camera import Camera
-from tactilevision.synthetic.gel import BallPress, Flat
+from tactilevision.synthetic.gel import BallPress, Flat, Surface
 from tactilevision.synthetic.punch import PunchPress, punch_profile
 
 SEEDS = 16  # different pictures of each kind, repeated
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] = ()) -> None:
         compare(kind, reader, reconstructor, pictures(camera, scenes, given.frames))
 
 
-def pictures(camera: Camera, scenes: Sequence[Flat | BallPress | PunchPress], count: int) -> npt.NDArray[np.uint8]:
+def pictures(camera: Camera, scenes: Sequence[Surface], count: int) -> npt.NDArray[np.uint8]:
     """Frames (count, H, W, 3) of the scenes in turn, each with SEEDS kinds of noise."""
     several = [camera.picture(scene, np.random.default_rng(seed)) for seed in range(SEEDS) for scene in scenes]
     return np.stack([several[k % len(several)] for k in range(count)])

@@ -91,7 +91,9 @@ def _polynomial(evaluate: PolynomialEvaluator, on: Callable[[Any], Tensor]) -> L
     def slopes(change: Tensor) -> Tensor:
         rows = change.permute(2, 1, 0, 3)  # one product a row of the picture, of all frames
         step = len(rows) if change.device.type != "cpu" else max(1, STRIP_PX // rows[0, 0].numel())
-        return torch.cat(list(map(strip, *(one.split(step) for one in (rows, low, high))))).permute(2, 1, 0, 3)
+        return torch.cat(list(map(strip, *(torch.split(one, step) for one in (rows, low, high))))).permute(
+            2, 1, 0, 3
+        )
 
     return slopes
 
