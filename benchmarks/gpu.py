@@ -26,9 +26,9 @@ from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import BallPress, Flat, Surface
 from tactilevision.synthetic.punch import PunchPress, punch_profile
 
-SEEDS = 16  # different pictures of each kind, repeated
+SEEDS = 4  # different pictures of each kind, repeated
 TURNS = 3  # of each way in turn
-ALONE = 40  # frames that the frame path reads for comparison
+ALONE = 32  # frames that the frame path reads for comparison
 # of an H100 SXM by its data sheet: bytes a second of its memory and of PCIe 5, operations in float32
 MEMORY, BUS, OPERATIONS = 3.35e12, 5e10, 6.7e13
 
@@ -133,7 +133,7 @@ def steps(reader: BatchReader) -> None:
 
 
 def quick() -> None:
-    main(["--device", "cpu", "--frames", "64"])
+    main(["--device", "cpu", "--frames", "32"])
 
 
 if __name__ == "__main__":
