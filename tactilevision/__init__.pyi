@@ -11,6 +11,7 @@ from .errors import (
 from .files.tiff import read_tiff as read_tiff, write_tiff as write_tiff
 from .force.calibrated import read_material as read_material
 from .force.field import ForceField as ForceField
+from .heightmap.batch import HeightMaps as HeightMaps, reconstruct_batch as reconstruct_batch
 from .heightmap.build import build_reconstructor as build_reconstructor
 from .heightmap.reconstructor import Reconstructor as Reconstructor
 from .mechanics.flat_contact import FlatContact as FlatContact

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -28,6 +30,9 @@ from tactilevision.records.constants import KILO
 from tactilevision.records.maps import FALSE, Frame, HeightMap, add
 from tactilevision.records.measured import Bools
 from tactilevision.robust import median
+
+if TYPE_CHECKING:
+    from tactilevision.heightmap.batch import BatchReader
 
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
@@ -64,7 +69,7 @@ class DepthJob:
     """Job that writes the height map of a frame.
 
     `names` are the maps' by frame. `with_std` writes the standard deviation too. `anchor` corrects the faces of
-    certified presses.
+    certified presses. Frames are read in batches on a torch `device`, None: one by one.
     """
 
     reconstructor: Reconstructor
@@ -73,6 +78,7 @@ class DepthJob:
     anchor: FaceDepthCorrection = NO_CORRECTION
     with_std: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
+    device: str | None = None
     record: type[FrameResult] = FrameResult
     journal: str = JOURNAL
 
@@ -88,7 +94,7 @@ class DepthJob:
 
     def decides(self) -> tuple[object, ...]:
         """Return what determines a map besides the frame and the method."""
-        return self.form, self.with_std, self.anchor.depth_scale, self.reconstructor.taught
+        return self.form, self.with_std, self.anchor.depth_scale, self.reconstructor.taught, self.device
 
     def prepare(self, names: Sequence[str], *, anew: bool) -> None:
         """Clean up after killed runs, and make the folders or an empty store."""
@@ -115,12 +121,36 @@ class DepthJob:
         """Write the map; return its record."""
         if isinstance(frame, BadFrame):
             return FrameResult(frame.name, f"unreadable: {frame.why}")
+        start = time.perf_counter()
         try:
-            start = time.perf_counter()
-            height = self.anchor(self.reconstructor.height_map(frame))
-            spent = KILO * (time.perf_counter() - start)
+            height = self.reconstructor.height_map(frame)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}")
+        return self._record(frame, number, height, KILO * (time.perf_counter() - start))
+
+    def records(self, frames: Iterable[Frame | BadFrame], numbers: Iterable[int]) -> Iterator[FrameResult]:
+        """Write the maps of frames, and yield their records: one by one, or in batches on the device."""
+        if self.device is None:
+            yield from map(self, frames, numbers)
+            return
+        reader, left = _reader(self.reconstructor, self.device), zip(frames, numbers, strict=False)
+        while some := list(islice(left, reader.chunk)):
+            good = [frame for frame, _ in some if isinstance(frame, Frame)]
+            start = time.perf_counter()
+            maps = iter(reader.read(good).each())
+            spent = KILO * (time.perf_counter() - start) / max(len(good), 1)
+            for frame, number in some:
+                height = next(maps) if isinstance(frame, Frame) else None
+                if isinstance(frame, BadFrame) or height is None:
+                    yield self(frame, number)
+                elif isinstance(height, InputError):
+                    yield FrameResult(frame.name, f"rejected: {height.what}")
+                else:
+                    yield self._record(frame, number, height, spent)
+
+    def _record(self, frame: Frame, number: int, height: HeightMap, spent: float) -> FrameResult:
+        """Write the map of a frame, which took `spent` ms; return its record."""
+        height = self.anchor(height)
         contact = find_contact(height, self.reconstructor.error)
         deepest_mm, area_mm2 = measure(height, contact)
         flags = add(height.flags, contact_flags(contact, self.reconstructor.error))
@@ -161,6 +191,7 @@ def reconstruct_folder(
     form: Form = "tiff",
     anchor: FaceDepthCorrection = NO_CORRECTION,
     with_std: bool = False,
+    device: str | None = None,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; return its rows in the order of the frames.
 
@@ -169,11 +200,23 @@ def reconstruct_folder(
     deviation of every depth: depth_std/NAME.tiff, or depth_std_mm. `workers` is the number of processes (None: one
     a core); `cluster` the address of a Dask scheduler, or its file, whose workers see the same folders. A frame
     that cannot be read is listed and skipped. An unfinished run into the same folder with the same recording and
-    method is resumed. `anchor` corrects the faces of certified presses (press/certified_faces.py).
+    method is resumed. `anchor` corrects the faces of certified presses (press/certified_faces.py). `device` reads
+    frames in batches through torch, on "cpu", "cuda", "cuda:N" or "auto" (heightmap/batch.py); None: one by one.
     """
     place = Path(out).absolute()  # workers have another working directory
-    job = DepthJob(reconstructor, place, form, anchor, with_std, _map_names(recording))
+    job = DepthJob(reconstructor, place, form, anchor, with_std, _map_names(recording), device)
     return run_job(recording, job, end=job.end, workers=workers, cluster=cluster, progress=progress)
+
+
+@lru_cache(maxsize=1)
+def _reader(reconstructor: Reconstructor, device: str) -> BatchReader:
+    """Return what reads batches, kept for the tasks of a process."""
+    import torch
+
+    from tactilevision.heightmap.batch import BatchReader
+
+    torch.set_num_threads(1)  # processes share the cores
+    return BatchReader(reconstructor, device)
 
 
 def _map_names(recording: Recording) -> dict[str, str]:

@@ -86,6 +86,9 @@ class Job(Protocol[R]):
     def __call__(self, frame: Frame | BadFrame, number: int) -> R:
         """Compute one result; `number` is the frame's place among `Recording.frame_names`."""
 
+    def records(self, frames: Iterable[Frame | BadFrame], numbers: Iterable[int]) -> Iterator[R]:
+        """Compute the results of frames in order, one by one or several at once."""
+
     def kept(self, result: R) -> bool:
         """Return whether what the record promises is still on disk."""
 
@@ -243,7 +246,7 @@ def _results(
     count = min(workers or os.cpu_count() or 1, -(-len(left) // FIRST))
     if cluster is None and (count == 1 or len(left) <= FEW):
         _on_one_thread()
-        for result in map(job, _frames(recording, left), left):
+        for result in job.records(_frames(recording, left), left):
             journal.add(result)
             yield result
         return
@@ -319,7 +322,7 @@ def _do(numbers: list[int], frames: list[Frame | BadFrame] | None) -> tuple[list
     assert _at_work is not None
     recording, job, journal = _at_work
     start, done = time.perf_counter(), []
-    for result in map(job, _frames(recording, numbers) if frames is None else frames, numbers):
+    for result in job.records(_frames(recording, numbers) if frames is None else frames, numbers):
         if journal is not None:
             journal.add(result)
         done.append(result)

@@ -76,6 +76,7 @@ def reconstruct_tree(
     cluster: str | None = None,
     progress: Progress | None = None,
     with_std: bool = False,
+    device: str | None = None,
     method: str = "",
 ) -> tuple[Branch, ...]:
     """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
@@ -86,8 +87,10 @@ def reconstruct_tree(
     if cluster is not None:
         check_cluster(cluster)
     root, out, report = Path(root), Path(out), progress or (lambda done, total, what: None)
-    run = partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std)
-    way = " ".join((form, "with std" if with_std else "", method))
+    run = partial(
+        reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std, device=device
+    )
+    way = " ".join((form, "with std" if with_std else "", device or "", method))
     with output_lock(out):
         found, branches = _opened(root, out, read)
         finished = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}

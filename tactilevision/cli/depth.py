@@ -58,12 +58,25 @@ def depth(
     even_so: source.EvenSoOption = False,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            metavar="cpu|cuda|auto", help="Read frames in batches with torch; auto: on a GPU if there is one."
+        ),
+    ] = None,
     pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the deepest.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
+    if device is not None and cluster is None:
+        from tactilevision.heightmap.device import find_device  # takes seconds to load
+
+        find_device(device)
+    how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster} | {
+        "with_std": with_std,
+        "device": device,
+    }
     maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
     light, last = _light(chosen, warned, path), list[str]()
     if source.is_tree(path):

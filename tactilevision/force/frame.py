@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -175,6 +175,10 @@ class ForceJob:
             return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}")
         self.store.write(number, found)
         return as_force(found, frame)
+
+    def records(self, frames: Iterable[Frame | BadFrame], numbers: Iterable[int]) -> Iterator[FrameForce]:
+        """Compute the forces of frames, one by one."""
+        return map(self, frames, numbers)
 
     def solve(self, frame: Frame) -> Solved:
         """Solve for the forces.

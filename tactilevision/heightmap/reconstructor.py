@@ -198,7 +198,10 @@ class Reconstructor:
 
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
         """Return the reading of a rectified picture (H, W, 3), as `read`."""
-        surface = self._surface(rgb)
+        return self.assessed(self._surface(rgb), time_s=time_s, name=name)
+
+    def assessed(self, surface: Surface, *, time_s: float = float("nan"), name: str = "") -> Reading:
+        """Return the reading of a `surface`, with its deviation and flags. Raises as height_map does."""
         self._check_whole(surface, name)
         found, error, frame = self._inconsistency(surface), self.error, surface.reading.frame
         height = HeightMap(

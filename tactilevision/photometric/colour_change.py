@@ -251,8 +251,8 @@ class ColourChange:
         """Compare a frame with the untouched gel. Raises InputError for one that cannot be of this sensor."""
         self._check(rgb)
         missing, valid = self.find_missing(rgb), self.reference.usable
-        if self._in_shadow(rgb, missing):
-            valid = valid & (_brightest(rgb) > self.darkest)
+        if self.in_shadow(rgb, missing):
+            valid = valid & (brightest(rgb) > self.darkest)
         if missing is not None:
             valid = valid.copy()
             valid[missing.window] &= missing.count == 0
@@ -275,12 +275,12 @@ class ColourChange:
         partly = self.lit_by_two[rows, columns] & (count == 1)
         return MissingColours((rows, columns), missing, count, partly, count > partly)
 
-    def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
+    def in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
         """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
         line = rgb.ravel()
         if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two adjacent colours are dark
             return False
-        return missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
+        return missing is not None or bool(brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the reference towards `rgb` by `share` of the difference, in place."""
@@ -310,7 +310,7 @@ class ColourChange:
             )
 
 
-def _brightest(rgb: Bytes) -> Bytes:
+def brightest(rgb: Bytes) -> Bytes:
     """Return the maximum (H, W) over the channels of a picture (H, W, 3)."""
     red, green, blue = cv2.split(rgb)
     return np.asarray(cv2.max(cv2.max(red, green), blue))

@@ -317,12 +317,12 @@ class DriftTracker:
         self.level = self._blocks(tiles)
         self.all_usable, count = bool(self.usable.all()), np.count_nonzero(self.usable)
         self._middle = (count - 1) // 2, count // 2  # of the usable blocks in order
-        self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
+        self.bright, self.shown, self.bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
         self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
         # grey change per noise for slopes of 1 along x and y (3, 2, blocks), or of each channel (3, 3, blocks)
         self.slope_effects = np.empty((*self._answers.shape[:2], len(self.basis)))
-        self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
+        self.terms, self.normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._update_level()
 
     def follow(self, rgb: Bytes, share: float) -> None:
@@ -339,13 +339,13 @@ class DriftTracker:
         change = blocks - self.level
         self._check(blocks, change)
         gains = np.zeros((3, 3))
-        gains[:, 0] = self._medians(change / self._bright)
+        gains[:, 0] = self._medians(change / self.bright)
         change /= self.noise
         gains, weights, touched, limit = self._reweighted(change, gains)
         drift, undo, covariance = gains, None, None
         if np.abs(gains[:, 0]).max() > MIN_DRIFT:
             if self.power == 2:
-                change *= 1.0 + self._bend * change
+                change *= 1.0 + self.bend * change
             drift, covariance = self._separated(change, weights, gains[:, 0], touched)
             gains, undo = self._inverse(drift)
         left = self._left(change, drift)
@@ -357,7 +357,7 @@ class DriftTracker:
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Return gains (3, 3), weights of the blocks, the mask (blocks,) of touched ones, and its threshold."""
-        weighted = change * self._shown
+        weighted = change * self.shown
         for _ in range(MAX_ITERATIONS):
             squares = np.sum(self._left(change, gains) ** 2, axis=0)
             scale = max(1.0, float(self._medians(squares)) / MEDIAN_LENGTH**2)
@@ -379,28 +379,28 @@ class DriftTracker:
     @property
     def effects(self) -> Floats:
         """Grey levels (3, 6, blocks) that a unit of each coefficient of a drift adds to a channel."""
-        return np.asarray(self._terms * self.noise[:, :, None])
+        return np.asarray(self.terms * self.noise[:, :, None])
 
     def _update_level(self) -> None:
         """Compute what depends on the level alone: terms in units of the noise, and normal equations."""
         self.mean_grey = float(self._among_usable(self.level).mean())
         self.clear_grey = DETECTION_SIGMA * float(self.noise.mean())
-        np.maximum(self.level, 1.0, out=self._bright)
-        np.divide(self.level, self.noise, out=self._shown)
-        np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
-        np.divide(0.5 * self.noise, self._bright, out=self._bend)  # change of light to second order
+        np.maximum(self.level, 1.0, out=self.bright)
+        np.divide(self.level, self.noise, out=self.shown)
+        np.multiply(self.shown[:, None, :], self.basis.T, out=self.terms[:, :3])
+        np.divide(0.5 * self.noise, self.bright, out=self.bend)  # change of light to second order
         self.grey = self._among_usable(self.level).mean(axis=1)
         np.multiply(self._answers, ((self.level + SOFTENING_GREY) / self.noise)[:, None], out=self.slope_effects)
-        light = self._bright**self.power
+        light = self.bright**self.power
         self.light = self._among_usable(light).mean(axis=1)
         light /= self.light[:, None]
-        per_light = self._shown / (self.power * light)
-        self._terms[:, 3] = per_light
+        per_light = self.shown / (self.power * light)
+        self.terms[:, 3] = per_light
         for c, others in enumerate(OTHERS):
             for term, j in zip((4, 5), others, strict=True):
-                self._terms[c, term] = (light[j] - light[c]) * per_light[c]
-        squares = self._normal.reshape(-1, 3, 9).transpose(1, 0, 2)
-        np.multiply(np.square(self._shown)[:, :, None], self.squares, out=squares)
+                self.terms[c, term] = (light[j] - light[c]) * per_light[c]
+        squares = self.normal.reshape(-1, 3, 9).transpose(1, 0, 2)
+        np.multiply(np.square(self.shown)[:, :, None], self.squares, out=squares)
 
     def _among_usable(self, values: Floats) -> Floats:
         """Return the `values` (..., blocks) of the usable blocks."""
@@ -445,7 +445,7 @@ class DriftTracker:
             slopes = likely_slopes(change / noise, self.slope_effects / noise, touched=contact)
         gain = (1.0 + constant) ** self.power - 1.0
         return drift_of(
-            change / noise, weights, terms=self._terms / noise, slopes=slopes, gain=gain, power=self.power
+            change / noise, weights, terms=self.terms / noise, slopes=slopes, gain=gain, power=self.power
         )
 
     def _blocks(self, planes: Picture) -> Floats:
@@ -454,11 +454,11 @@ class DriftTracker:
         return blocks.astype(np.float64).reshape(3, -1)
 
     def _left(self, change: Floats, gains: Floats) -> Floats:
-        return np.asarray(change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0])
+        return np.asarray(change - np.matmul(gains[:, None, :], self.terms[:, : gains.shape[1]])[:, 0])
 
     def _fit(self, weighted: Floats, weights: Floats, constant: Floats) -> Floats:
         """Return gains (3, 3) by weighted least squares with a prior on the plane."""
-        normal = (weights @ self._normal).reshape(3, 9)
+        normal = (weights @ self.normal).reshape(3, 9)
         prior_std = PLANE_SHARE * np.abs(constant) + MIN_PLANE
         normal[:, 4::4] += (CORRELATED / prior_std**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += TINY
