@@ -102,6 +102,27 @@ def read_alone(fitted: Fit) -> Floats:
     return fitted.model.predict(values, fitted.data)
 
 
+def corrected_depth(fitted: Fit) -> Floats:
+    """Return the depth that the picture read (N,), mm, corrected by the fitted effects alone."""
+    data = fitted.data
+    return np.asarray(data.normal_N * data.depth_mm / read_alone(fitted))
+
+
+def recorded_of_depth(data: Observations) -> list[tuple[str, Floats]]:
+    """Return what was recorded along with the picture's depth, (N,) each, by its words and unit."""
+    against = [("certified depth (mm)", data.depth_mm)]
+    if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
+        against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    else:
+        against.append(("press", data.presses.order[data.press] + 1))
+    if data.slopes is not None:
+        against += [
+            ("slope next to the punch face (mm/mm)", data.slopes.slope),
+            ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
+        ]
+    return against
+
+
 def depth_ratio(fitted: Fit) -> Floats:
     """Return the picture's over the certified depth (N,)."""
     return np.asarray(fitted.data.normal_N / fitted.data.depth_mm)

@@ -235,9 +235,14 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         private=tuple(own),
         files=files,
         frames=tuple(_frames(one) for one in taken),
-        warnings=(*(warning for one in taken for warning in one.recording.warnings), *data.warnings),
+        warnings=tuple(dict.fromkeys((*(said for one in taken for said in _warnings(one)), *data.warnings))),
         marks=marks,
     )
+
+
+def _warnings(taken: CertifiedRecording) -> tuple[str, ...]:
+    """Return what the terminal warned of while a recording was certified."""
+    return (*taken.warnings, *(() if taken.reconstructor is None else taken.reconstructor.warnings))
 
 
 def _frames(taken: CertifiedRecording) -> Frames | None:
