@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches,
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records.constants import TAILS95, TINY
 from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.misfit import share_removed
 
 PAUSE_S = 3600  # s, longest pause that counts as running time
 SHORTEST_S = 1e-3  # s, of times whose logarithm is taken
@@ -122,6 +124,13 @@ def true_repeats(data: Observations) -> Repeatability | None:
     std = math.sqrt(squares / samples)
     low, high = (std * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in reversed(TAILS95))
     return Repeatability(std, (low, high), presses, groups)
+
+
+def above_repeats(data: Observations, before: float, after: float) -> dict[str, Any]:
+    """Return the scatter of true repeats, and the share of the removable error that was removed, for a file."""
+    repeats = true_repeats(data)
+    share = math.nan if repeats is None else share_removed(before, after, repeats.std)
+    return {"repeats": repeats and asdict(repeats), "share_removed": share if math.isfinite(share) else None}
 
 
 def _repeated(data: Observations) -> Iterator[Bools]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from calibration.fit.least_squares import Fit, fit, unexplained
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
-from calibration.inputs.conditions import true_repeats
+from calibration.inputs.conditions import above_repeats
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
@@ -36,7 +35,6 @@ from calibration.result.result import CalibrationResult
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records.constants import KILO, NONZERO, ROUNDING, TINY
 from tactilevision.records.measured import Estimate, Floats, Pair
-from tactilevision.records.misfit import share_removed
 
 # The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
 #
@@ -156,7 +154,7 @@ class Compared:
                 "floor": self.repeatability_N,
                 "in_sample": self.rms_N,
                 "held_out": self.held_out_N,
-                **_above_repeats(base, self),
+                **above_repeats(base.fitted.data, base.held_out_N, self.held_out_N),
             },
             "rms_error_percent": 100 * self.rms_N / float(np.max(data.normal_N)),
             "rms_error_um": KILO * self.rms_N / slope,
@@ -181,17 +179,9 @@ class Compared:
                 "floor": self.repeatability_N,
                 "faces_before": face_error_mm(base.fitted),
                 "faces_after": face_error_mm(self.fitted),
-                **_above_repeats(base, self),
+                **above_repeats(base.fitted.data, base.held_out_N, self.held_out_N),
             },
         }
-
-
-def _above_repeats(base: Compared, last: Compared) -> dict[str, Any]:
-    """Return the scatter of true repeats, and the share of the removable error that `last` removes of `base`'s."""
-    repeats = true_repeats(base.fitted.data)
-    std = nan if repeats is None else repeats.std
-    share = share_removed(base.held_out_N, last.held_out_N, std)
-    return {"repeats": repeats and asdict(repeats), "share_removed": share if isfinite(share) else None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from test_screen import MODEL
 from calibration.effects import get_effect
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit
-from calibration.inputs.deadline import Deadline
 from calibration.inputs.conditions import true_repeats
+from calibration.inputs.deadline import Deadline
 from calibration.inputs.observations import Observations
 from calibration.report.headline import fall_lead, fall_note
 from calibration.report.misfit import (
@@ -124,7 +124,9 @@ def test_the_error_falls_to_the_band_of_the_repeatability(found: Comparison) -> 
     dof = 12 - 2  # two radii
     assert fall.band[0] == pytest.approx(fall.repeatability * np.sqrt(dof / chi2.isf(0.025, dof)))
     assert 0.9 < fall.removed <= 1
-    assert fall_lead(fall).endswith(f"depth zero removes {100 * fall.removed:.0f} % of the error that can be removed")
+    assert fall_lead(fall).endswith(
+        f"depth zero removes {100 * fall.removed:.0f} % of the error that can be removed"
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -17,8 +17,8 @@ from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.report.misfit import error_fall_of_picture
 from calibration.report.headline import fall_sentence
+from calibration.report.misfit import error_fall_of_picture
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records.measured import Floats

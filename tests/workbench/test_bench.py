@@ -104,7 +104,16 @@ def test_what_was_named_stays_until_it_is_added_and_both_are_added_at_once(made:
 
 
 def test_the_progress_counts_the_effects_of_a_pass() -> None:
-    steps = [("a", 0, 1), ("b", 1, 2), ("c", 0, 3), ("d", 1, 3), ("e", 2, 3), ("f", 3, 4), ("g", 4, 5), ("h", 0, 6)]
+    steps = [
+        ("a", 0, 1),
+        ("b", 1, 2),
+        ("c", 0, 3),
+        ("d", 1, 3),
+        ("e", 2, 3),
+        ("f", 3, 4),
+        ("g", 4, 5),
+        ("h", 0, 6),
+    ]
     seen = []
     asking = Asking()
     for step in steps:
