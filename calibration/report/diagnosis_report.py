@@ -12,7 +12,6 @@ from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Failure, few_presses
-from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import get_effect
 from calibration.fit.repeats import LEVEL
 from calibration.fit.tolerances import TOLERANCES
@@ -474,17 +473,15 @@ def stopped_sentence(found: Diagnosis) -> str:
 
 
 def reading_sentence(found: Diagnosis) -> str:
-    """Return the errors of the reconstructed depth before and after a gain, apart from what steep walls hide."""
-    if (sight := found.search.sight) is None:
+    """Return what a gain of the reconstructed depth leaves at the faces; empty without such a gain."""
+    sight = found.search.sight
+    if sight is None or sight.base.data.slopes is None:
         return ""
-    read = {step.best.effect.key for step in sight.steps}
-    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
-    if gain is None or gain.value is None:
-        return ""
-    before, after = (KILO * reading_error_mm(fitted) for fitted in (sight.base, sight.current))
-    fall = f"The error of the reconstructed depth on held-out presses changes from {before:.1f} to {after:.1f} µm."
-    hidden = " Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
-    return fall + hidden * (sight.base.data.slopes is not None)
+    gained = {
+        step.best.effect.key for step in sight.steps if "gain" in {p.name for p in step.best.effect.parameters}
+    }
+    hidden = "Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
+    return hidden if gained & {effect.key for effect in found.effects} else ""
 
 
 def few_sentence(found: Diagnosis) -> str:

@@ -11,6 +11,7 @@ from calibration.diagnosis.covariates import press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.fit.repeats import LEVEL
 from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.conditions import true_repeats
 from calibration.inputs.deadline import Progress
 from calibration.noise.reml import BEYOND_CHANCE
 from calibration.report import figures, page, wording
@@ -66,7 +67,7 @@ def summary(result: CalibrationResult) -> list[str]:
         f"slope         beta  = {wording.estimate(result.beta)}",
         (f"R^2 = {result.r_squared:.4f}, " if math.isfinite(result.r_squared) else "")
         + f"{wording.fit_error(result.held_out_N, result.rms_error_N)}, "
-        f"{wording.repeatability(result.noise_floor_N)}, law: {law}",
+        f"{wording.repeatability(true_repeats(result.fitted.data))}, law: {law}",
     ]
     if result.clock_offset.value is not None:
         lines.append(f"F/T clock minus camera clock = {wording.estimate(result.clock_offset)}")
@@ -148,16 +149,13 @@ def _sufficient(result: CalibrationResult) -> str:
 
 
 def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
-    """Return the error on held-out presses, and the repeatability to compare it with."""
+    """Return the error on held-out presses, and how repeated presses scatter."""
     name, error = "error on held-out presses (rms)", result.held_out_N
     if not math.isfinite(error):
         name, error = "error on fitted presses (rms)", result.rms_error_N
     line = f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else ""
     rows = [(name, f"{KILO * error:.1f} mN", line)]
-    if math.isfinite(result.noise_floor_N):
-        scatter = f"{KILO * result.noise_floor_N:.1f} mN"
-        rows.append(("repeatability (std)", scatter, "scatter of repeated presses' forces"))
-    return rows
+    return [*rows, ("", wording.repeatability(true_repeats(result.fitted.data)), "of one punch, place and speed")]
 
 
 def _details(result: CalibrationResult) -> str:

@@ -122,7 +122,8 @@ function drawDepth(depth, against, chosen, tried, onPress) {
   const sets = tried ? [...depth.sets, { ...last, name: "slider", read: tried }] : depth.sets;
   const colours = [css("--first"), depth.sets.length > 1 ? css("--last") : css("--good"), css("--good")];
   sets.forEach((one, k) => {
-    const x = one.against[against].values, y = one.read.map((read, j) => (whole ? read : read / one.certified[j]));
+    const aside = whole ? (k - (sets.length - 1) / 2) * 0.012 * Math.max(...one.certified) : 0;  // before and after next to each other
+    const x = one.against[against].values.map((value) => (value === null ? null : value + aside)), y = one.read.map((read, j) => (whole ? read : read / one.certified[j]));
     traces.push({ x, y, text: one.press.map(plain), mode: "markers", name: plain(one.name), hovertemplate: "press %{text}<br>%{x:.3f}, %{y:.3f}<extra></extra>",
       marker: { color: colours[k], opacity: 0.75, size: one.face.map((face) => (face ? 9 : 5)), symbol: one.face.map((face) => (face ? "square" : "circle")),
         line: { width: one.press.map((press) => (press === chosen ? 1.5 : 0)), color: css("--ink") } } });
