@@ -141,7 +141,7 @@ const bars = {};  // errors on the screen, by what they are of
 function showFalls(falls) {
   const moved = [];
   fill("falls", falls.map((fall) => {
-    const top = 1.14 * Math.max(...fall.error, fall.band ? fall.band[1] : 0), at = (value) => `${100 * value / top}%`;
+    const top = Math.max(...fall.error, fall.band ? fall.band[1] : 0), at = (value) => `${100 * value / top}%`;
     const before = bars[fall.of] || fall.error, [numbers, ...rest] = fall.lead.split(": ");
     bars[fall.of] = fall.error;
     return h("div", {}, h("p", { class: "lead" }, h("b", {}, numbers), rest.length ? `: ${rest.join(": ")}` : ` error of the ${fall.of}`),
@@ -335,7 +335,7 @@ function drawChosen() {
   }
   const press = curves.presses[place];
   const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
-  $("press-title").textContent = `Press ${press.name}: ${punch}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  $("press-title").textContent = `Press ${press.name}: ${punch}, rms residual ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
