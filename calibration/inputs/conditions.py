@@ -168,12 +168,10 @@ def _off_mean(data: Observations, rows: Bools) -> Floats:
                 own = np.flatnonzero(mine & (press == one))
                 cell[own] = PARTS * int(kind) + PARTS * np.arange(own.size) // own.size
     else:
-        own = (
-            np.zeros((data.size, 0))
-            if data.slopes is None
-            else np.column_stack([data.slopes.from_mm, data.slopes.azimuth_deg])
-        )
-        cell = np.unique(np.nan_to_num(own), axis=0, return_inverse=True)[1].reshape(-1)
+        slopes, cell = data.slopes, np.zeros(data.size, dtype=np.int64)
+        if slopes is not None:
+            about = np.nan_to_num(np.column_stack([slopes.from_mm, slopes.azimuth_deg]))
+            cell = np.unique(about, axis=0, return_inverse=True)[1].reshape(-1)
         readings *= float(data.depth_mm[rows].mean()) / data.depth_mm
     found = []
     for part in np.unique(cell[rows]):

@@ -115,7 +115,8 @@ class Evidence:
         """Share of the removable error that it removes; of the whole where nothing repeats; -inf: not fitted."""
         if self.fall is None:
             return -inf
-        return self.fall.removed if isfinite(self.fall.removed) else share_removed(*self.fall.error[-2:], 0.0)
+        before, after = self.fall.error[0], self.fall.error[-1]
+        return self.fall.removed if isfinite(self.fall.removed) else share_removed(before, after, 0.0)
 
 
 def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
