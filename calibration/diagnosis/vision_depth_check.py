@@ -17,6 +17,7 @@ from calibration.effects import EFFECTS
 from calibration.effects.in_picture import InPicture
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import refit_with_pure_noise
+from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face, with_slopes
 from calibration.model.composition import Model
@@ -104,8 +105,11 @@ def read_alone(fitted: Fit) -> Floats:
 
 def corrected_depth(fitted: Fit) -> Floats:
     """Return the depth that the picture read (N,), mm, corrected by the fitted effects alone."""
-    data = fitted.data
-    return np.asarray(data.normal_N * data.depth_mm / read_alone(fitted))
+    data, values = fitted.data, fitted.values.copy()
+    for key, place in fitted.model.slices(data).items():
+        if key != "law" and key not in TOLERANCES:
+            values[place] = [p.default for p in fitted.parameters[place]]
+    return np.asarray(data.normal_N * read_alone(replace(fitted, values=values)) / read_alone(fitted))
 
 
 def recorded_of_depth(data: Observations) -> list[tuple[str, Floats]]:
