@@ -128,7 +128,7 @@ function cut() {
   if (corrected) traces.push({ x, y: line.map((v) => (v === null ? null : v * factor)), mode: "lines", name: "corrected", line: { color: css("--last"), width: 2 } });
   if (certified !== undefined) traces.push({ x: [0, x[x.length - 1]], y: [certified, certified], mode: "lines", name: "certified", line: { color: css("--good"), width: 2, dash: "dash" } });
   draw("section-chart", traces, layout("place (mm)", "depth (mm)", { yaxis: { range: [Math.max(scrub.reach[0], 1.1 * (certified || 0)), scrub.reach[1]] }, showlegend: traces.length > 1,
-    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 11 } }, margin: { l: 52, r: 8, t: 24, b: 38 } }));
+    legend: { orientation: "h", y: 1.12, yanchor: "bottom", x: 0, font: { size: 11 } }, margin: { l: 52, r: 8, t: 36, b: 38 } }));
 }
 
 function drag(event) {
