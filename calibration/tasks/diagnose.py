@@ -157,14 +157,16 @@ def _diagnosed(
     source = tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))  # of nu
     data = informed(data, bulge, bound=bound)
     watch.tell("fitting the base model")
-    begin = base_fit(base_model(data, bound=bound), data)
+    model = base_model(data, bound=bound)
+    compared = plain = base_fit(model, data)
     for effect in known:
         of_picture = None if seen is None else _of_picture(effect, seen, data)
         if of_picture is None:
-            begin = fit_added(begin.model + effect, begin)
+            model, compared = model + effect, fit_added(compared.model + effect, compared)
         else:
             seen = of_picture
     level = LEVEL if seen is None else LEVEL / 2
+    begin = plain if compared is plain else base_fit(model, data)  # at its minimum, as the tests require
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
     force = decision.outcome(found_there, level, decision.odd_presses(found_there, level))
     sight = None
@@ -172,14 +174,15 @@ def _diagnosed(
         others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
         sight = decision.outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
-    found = _determine(_as_compared(force), sight, catalogue, rng)
+    found = _determine(_as_compared(force, compared), sight, catalogue, rng, base=compared)
     before, after = (_sourced(one, source) for one in (found.material.before, found.material.after))
     return replace(found, material=replace(found.material, before=before, after=after))
 
 
-def _as_compared(force: Outcome) -> Outcome:
-    """Return the same steps, each fitted as `compare` fits it: its values and errors are those of `compare`."""
-    on, steps = force.searched.start, list[Step]()
+def _as_compared(force: Outcome, base: Fit) -> Outcome:
+    """Return the same steps, fitted on `base` as `compare` does: values and errors are those of `compare`."""
+    searched, steps = force.searched, list[Step]()
+    on = base if searched.start is searched.base else searched.start
     for step in force.steps:
         own = next(effect for effect in step.fitted.model.effects if effect.key == step.best.effect.key)
         with suppress(*CANNOT_FIT):
@@ -218,10 +221,10 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
 
 
 def _determine(
-    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator, *, base: Fit
 ) -> Diagnosis:
-    """Return the diagnosis that the two searches end in."""
-    base, fitted = force.searched.base, force.fitted
+    """Return the diagnosis that the two searches end in; `base` is the model that they began with, as compared."""
+    fitted = base if force.fitted is force.searched.base else force.fitted
     steps = (base, *(step.fitted for step in force.steps))
     before = material_by_routes(base)
     alone = concluded(fitted, before if fitted is base else material_by_routes(fitted))
