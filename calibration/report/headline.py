@@ -101,4 +101,11 @@ def _span(ends: Pair | None, std: float | None) -> str:
 def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
     """Return the table of E and nu, a row a model, with what its two intervals mean."""
     rows = [row.cells for row in modulus_rows(models)]
-    return page.table(COLUMNS, rows, numbers=(1, 4)) + page.paragraph(UNSEEN, kind="soft")
+    open_ = {
+        f"{wording.MATERIAL[name]} is not determined by these data: {one.why}."
+        for result in models.values()
+        for name in ("youngs_modulus", "poisson_ratio")
+        if (one := getattr(result, name)).value is None
+    }
+    whys = "".join(map(page.paragraph, sorted(open_)))
+    return page.table(COLUMNS, rows, numbers=(1, 4)) + whys + page.paragraph(UNSEEN, kind="soft")
