@@ -144,7 +144,7 @@ def test_the_scatter_of_repeats_is_what_was_planted_whatever_the_curve(seed: int
 def test_where_no_press_is_repeated_there_is_no_band(found: Comparison) -> None:
     data = found.stated
     assert true_repeats(data.take([0, 1])) is None, "one degree of freedom"
-    places = replace(data.presses, x_mm=np.arange(data.count) * 1.0)
+    places = replace(data.presses, x_mm=np.arange(float(data.count)))
     assert true_repeats(replace(data, presses=places)) is None
     fall = replace(error_fall_of_comparison(found), repeatability=float("nan"), band=None)
     assert not np.isfinite(fall.removed)
