@@ -303,16 +303,17 @@ def diagnosed(
         watch=Watch(progress),
         **nu,
     )
-    after = found.material.after
+    last = found.fits.fitted is found.fits.base  # else the result is of a model with more effects than the page's
+    shown = found.material.after if last else found.material.before
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found)))),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else ""))),
         measure_next=tuple((a.action, a.minutes, a.separation_sigma, a.why) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
         nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
-        modulus=after.youngs_modulus if found.fits.fitted is found.fits.base else None,
-        warnings=tuple(one for one in after.warnings if one not in data.warnings),
+        modulus=shown.youngs_modulus if last else None,
+        warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),
     )
