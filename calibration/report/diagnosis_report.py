@@ -21,7 +21,7 @@ from calibration.model.stages import Effect, Parameter
 from calibration.report import drawing, figures, page, wording
 from calibration.report.drawing import ResidualMap
 from calibration.report.figures import FigureFolder
-from calibration.report.headline import fall_sentence, modulus_rows, modulus_table
+from calibration.report.headline import fall_sentence, modulus_line, modulus_table
 from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
 from calibration.report.report import all_presses
 from calibration.report.wording import in_words
@@ -67,11 +67,7 @@ def summary(found: Diagnosis) -> list[str]:
     if found.remainder.change_point is not None:
         lines.append(f"  since press {found.remainder.change_point}")
     lines += [f"  {fall_sentence(fall)}" for fall in _falls(found)]
-    for row in modulus_rows(materials(found)):
-        value, data, all_of_it = row.modulus
-        lines.append(
-            f"E of the {row.name}: {value} MPa (95 % from the data: {data}; with what may be unseen: {all_of_it})"
-        )
+    lines += [f"E of the {modulus_line(name, gel)}" for name, gel in materials(found).items()]
     lines.append(allowed_for(found))
     untested = found.limits.not_testable
     if untested:

@@ -98,6 +98,14 @@ def _span(ends: Pair | None, std: float | None) -> str:
     return "–" if ends is None else " to ".join(wording.number(end, std) for end in ends)
 
 
+def modulus_line(name: str, result: CalibrationResult) -> str:
+    """Return E of a model in one line, with both intervals or why it is not determined."""
+    value, alone, whole = _three(result, "youngs_modulus")
+    if result.youngs_modulus.value is None:
+        return f"{name}: {wording.estimate(result.youngs_modulus)}"
+    return f"{name}: {value} MPa (95 % from the data: {alone}; with what may be unseen: {whole})"
+
+
 def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
     """Return the table of E and nu, a row a model, with what its two intervals mean."""
     rows = [row.cells for row in modulus_rows(models)]
