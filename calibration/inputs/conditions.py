@@ -86,7 +86,7 @@ SAME_PLACE_MM = 0.25  # a robot's own repeatability, with room
 SAME_RATIO = 1.15  # of speeds, holds and depths that count as one setting
 PARTS = 10  # of a branch, in each of which the presses of a group are compared with each other
 MIN_DOF = 2  # repeated presses, less one a group, that determine a repeatability
-KEPT = 16  # cached repeatabilities
+KEPT = 16  # data sets whose repeatability is cached
 
 
 @dataclass(frozen=True, slots=True)
