@@ -20,7 +20,7 @@ from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened
-from calibration.workbench.server import curve_view, state_view
+from calibration.workbench.views import curve_view, state_view
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording

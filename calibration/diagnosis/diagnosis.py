@@ -18,6 +18,7 @@ from calibration.diagnosis.unexplained import Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import OutlyingPresses
+from calibration.inputs.conditions import above_repeats
 from calibration.result.result import CalibrationResult
 from tactilevision.records.display import Displayed, Summary, figure, mN
 from tactilevision.records.measured import Estimate, Pair
@@ -207,6 +208,7 @@ class Diagnosis(Displayed):
         """Return the content of diagnosis.json."""
         search, rest, presses, limits = self.search, self.remainder, self.presses, self.limits
         errors, material, left = asdict(self.errors), self.material, rest.left
+        errors |= above_repeats(self.fits.base.data, errors["held_out_before"], errors["held_out_after"])
         return {
             "verdict": self.verdict,
             "effects": [effect.as_json() for effect in self.effects],

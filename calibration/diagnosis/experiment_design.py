@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.covariates import IN_WORDS
 from calibration.diagnosis.press_contrast import PressContrast
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.diagnosis.score_test import SCATTER
@@ -36,12 +37,13 @@ USUAL_SPEED_MM_S = 0.2  # where none was recorded
 
 @dataclass(frozen=True, slots=True)
 class NextMeasurement:
-    """What to do, its minutes, the expected separation in std, and the candidates that it separates."""
+    """What to do, its minutes, the expected separation in std, the candidates that it separates, and why."""
 
     what: str
     minutes: float
     separation_sigma: float = nan
     separates: str = ""
+    why: str = ""
 
     @property
     def action(self) -> str:
@@ -50,7 +52,8 @@ class NextMeasurement:
 
     def as_json(self) -> dict[str, Any]:
         """Return one entry of measure_next."""
-        return {"action": self.action, "minutes": self.minutes, "expected_separation_sigma": self.separation_sigma}
+        sigma = {"expected_separation_sigma": self.separation_sigma}
+        return {"action": self.action, "minutes": self.minutes, **sigma, "why": self.why}
 
 
 def measure_next(base: Fit, one: Candidate, *, rivals: Sequence[Candidate]) -> tuple[NextMeasurement, ...]:
@@ -217,23 +220,26 @@ def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
 
 
 def _named(plan: NextMeasurement, one: Candidate, others: Sequence[Candidate]) -> NextMeasurement:
-    """Return the action with the names of the candidates that it separates."""
-    if not others:
-        return plan
+    """Return the action with the names of the candidates that it separates, and why it is proposed."""
     first, *rest = (c.effect.key.replace("_", " ") for c in (one, *others))
-    return replace(plan, separates=f"{first} from {' and '.join(rest)}")
+    if not others:
+        return replace(plan, why=f"it measures {first} directly, without the model")
+    pair = f"{first} from {' and '.join(rest)}"
+    return replace(plan, separates=pair, why=f"these data do not distinguish {pair}")
 
 
 def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
     """Return checks of effects that these data cannot show, most bias of E removed in a minute first."""
     checks = {key: EFFECTS[key].check for key in bias if key in EFFECTS}
-    worth = {check: abs(bias[key]) for key, check in checks.items() if check and abs(bias[key]) > MIN_BIAS}
-    ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
-    return [_by_hand(check) for check in ranked]
+    of_check = {check: key for key, check in checks.items() if check and abs(bias[key]) > MIN_BIAS}
+    ranked = sorted(of_check, key=lambda check: -abs(bias[of_check[check]]) / check.minutes)
+    why = "these data cannot show {}, which could put E off by {:.1f} %"
+    said = {one: why.format(key.replace("_", " "), 100 * abs(bias[key])) for one, key in of_check.items()}
+    return [_by_hand(check, said[check]) for check in ranked]
 
 
-def _by_hand(check: ManualCheck) -> NextMeasurement:
-    return NextMeasurement(check.action, check.minutes)
+def _by_hand(check: ManualCheck, why: str) -> NextMeasurement:
+    return NextMeasurement(check.action, check.minutes, why=why)
 
 
 # The plan: presses that distinguish candidates, and checks of the residual.
@@ -272,7 +278,12 @@ def plan_next(
         plan for plans in (checks, presses) for plan in sorted(plans, key=_rate) if plan.separation_sigma > WORTH
     ]
     seen = left.covariates if left is not None else ()
-    follow = [_by_hand(check) for check in dict.fromkeys(FOLLOW[key] for key in seen if key in FOLLOW)]
+    shown = dict[ManualCheck, str]()
+    for key in (one for one in seen if one in FOLLOW):
+        shown.setdefault(
+            FOLLOW[key], f"no effect explains the residual, which depends on {IN_WORDS.get(key, key)}"
+        )
+    follow = [_by_hand(check, why) for check, why in shown.items()]
     found = [*again, *follow, *worth, *of_hidden(bias)]
     return tuple({plan.what: plan for plan in reversed(found)}.values())[::-1]
 
@@ -288,10 +299,11 @@ def press_again(odd: OutlyingPresses, contrast: PressContrast | None = None) -> 
     if contrast is not None and contrast.covariate in PLACES:
         where = f"{contrast.covariate} = {contrast.at:.2g} {contrast.unit}"
         action = f"press again on both sides of {where}, and look at the pad there against the light"
-        found.append(NextMeasurement(action, 5))
+        found.append(NextMeasurement(action, 5, why=f"presses differ with their place, {contrast.covariate}"))
     if odd.presses:
         action = f"press {', '.join(odd.presses)} again: the same indenter at the same place"
-        found.append(NextMeasurement(action, 2.0 * len(odd.presses)))
+        found.append(NextMeasurement(action, 2.0 * len(odd.presses), why="they are unlike all other presses"))
     elif odd.wanders and not found:
-        found.append(NextMeasurement("repeat the first press after the last one: is it still the same?", 3))
+        what = "repeat the first press after the last one: is it still the same?"
+        found.append(NextMeasurement(what, 3, why="the presses' zeros change from press to press"))
     return tuple(found)

@@ -274,10 +274,10 @@ def _look(
     candidates = []
     about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
     fetches = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
-    for key, fetch in zip(chosen, fetches, strict=True):
+    for number, (key, fetch) in enumerate(zip(chosen, fetches, strict=True)):
         if watch.over:
             break
-        watch.tell(f"fitting {key.replace('_', ' ')}")
+        watch.tell(f"fitting {key.replace('_', ' ')}", number, len(chosen))
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(fetch())
     kept = sorted((c for c in candidates if not refit.rests_on_one_reading(about, c)), key=lambda c: c.cost)

@@ -17,6 +17,7 @@ from calibration.effects import EFFECTS
 from calibration.effects.in_picture import InPicture
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import refit_with_pure_noise
+from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face, with_slopes
 from calibration.model.composition import Model
@@ -100,6 +101,30 @@ def read_alone(fitted: Fit) -> Floats:
     values = fitted.values.copy()
     values[fitted.model.slices(fitted.data)["law"]] = 0.0
     return fitted.model.predict(values, fitted.data)
+
+
+def corrected_depth(fitted: Fit) -> Floats:
+    """Return the depth that the picture read (N,), mm, corrected by the fitted effects alone."""
+    data, values = fitted.data, fitted.values.copy()
+    for key, place in fitted.model.slices(data).items():
+        if key != "law" and key not in TOLERANCES:
+            values[place] = [p.default for p in fitted.parameters[place]]
+    return np.asarray(data.normal_N * read_alone(replace(fitted, values=values)) / read_alone(fitted))
+
+
+def recorded_of_depth(data: Observations) -> list[tuple[str, Floats]]:
+    """Return what was recorded along with the picture's depth, (N,) each, by its words and unit."""
+    against = [("certified depth (mm)", data.depth_mm)]
+    if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
+        against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    else:
+        against.append(("press", data.presses.order[data.press] + 1))
+    if data.slopes is not None:
+        against += [
+            ("slope next to the punch face (mm/mm)", data.slopes.slope),
+            ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
+        ]
+    return against
 
 
 def depth_ratio(fitted: Fit) -> Floats:

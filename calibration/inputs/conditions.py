@@ -7,15 +7,20 @@ lacks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Floats
+from tactilevision.records.constants import TAILS95, TINY
+from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.misfit import share_removed
 
 PAUSE_S = 3600  # s, longest pause that counts as running time
 SHORTEST_S = 1e-3  # s, of times whose logarithm is taken
@@ -73,6 +78,108 @@ def _polynomials(
     )
     kept = range(min(degree, distinct - 1) + 1)
     return [np.where(mine, np.polynomial.legendre.Legendre.basis(k)(np.clip(unit, -1, 1)), 0.0) for k in kept]
+
+
+# True repeats: presses of one punch at one place, speed, hold and depth. Their scatter needs no model.
+
+SAME_PLACE_MM = 0.25  # a robot's own repeatability, with room
+SAME_RATIO = 1.15  # of speeds, holds and depths that count as one setting
+PARTS = 10  # of a branch, in each of which the presses of a group are compared with each other
+MIN_DOF = 2  # repeated presses, less one a group, that determine a repeatability
+KEPT = 16  # data sets whose repeatability is cached
+
+
+@dataclass(frozen=True, slots=True)
+class Repeatability:
+    """Std of one press among its true repeats, N (mm of a depth that was read), with its 95 % interval.
+
+    `presses` that are repeated, in `groups` of like ones.
+    """
+
+    std: float
+    interval95: Pair
+    presses: int
+    groups: int
+
+
+@lru_cache(maxsize=KEPT)
+def true_repeats(data: Observations) -> Repeatability | None:
+    """Return the scatter of true repeats, a press as the unit; None where too few presses repeat.
+
+        s^2 = sum over groups of SS n/(n - 1) / samples,    (dof) s^2/sigma^2 ~ chi^2,    dof = sum of n - 1
+
+    SS is the sum of squares about the mean of a group's n presses, at equal depth and time. Source: Draper and
+    Smith, Applied Regression Analysis, ch. 1 and 2.
+    """
+    from scipy.special import gammaincinv
+
+    squares, samples, dof, presses, groups = 0.0, 0, 0, 0, 0
+    for rows in _repeated(data):
+        off, count = _off_mean(data, rows), np.unique(data.press[rows]).size
+        squares += float(off @ off) * count / (count - 1)
+        samples, dof = samples + off.size, dof + count - 1
+        presses, groups = presses + count, groups + 1
+    if dof < MIN_DOF or not squares > 0:
+        return None
+    std = math.sqrt(squares / samples)
+    low, high = (std * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in reversed(TAILS95))
+    return Repeatability(std, (low, high), presses, groups)
+
+
+def above_repeats(data: Observations, before: float, after: float) -> dict[str, Any]:
+    """Return the scatter of true repeats, and the share of the removable error that was removed, for a file."""
+    repeats = true_repeats(data)
+    share = math.nan if repeats is None else share_removed(before, after, repeats.std)
+    return {"repeats": repeats and asdict(repeats), "share_removed": share if math.isfinite(share) else None}
+
+
+def _repeated(data: Observations) -> Iterator[Bools]:
+    """Yield the samples (N,) of each group of at least two true repeats, of slopes those outside the faces."""
+    presses, ratio = data.presses, math.log(SAME_RATIO)
+    deepest = np.maximum.reduceat(data.depth_mm, data.first)
+    settings = [(presses.indenter, 0.5), (presses.recording, 0.5), (np.nan_to_num(presses.lubricated), 0.5)]
+    settings += [(np.nan_to_num(place), SAME_PLACE_MM) for place in (presses.x_mm, presses.y_mm)]
+    sizes = [presses.speed_mm_s, presses.hold_s, *([deepest] if data.is_curves else [])]
+    settings += [(np.log(np.maximum(np.nan_to_num(one), TINY)), ratio) for one in sizes]
+    columns = []
+    for values, apart in settings:
+        order = np.argsort(values, kind="stable")
+        columns.append(np.empty(data.count))
+        columns[-1][order] = clusters(np.asarray(values, float), apart)
+    group = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
+    beside = np.ones(data.size, bool) if data.slopes is None else np.isfinite(data.slopes.slope)
+    for number in np.flatnonzero(np.bincount(group) > 1):
+        rows = (group == number)[data.press] & beside
+        if np.unique(data.press[rows]).size > 1:
+            yield rows
+
+
+def _off_mean(data: Observations, rows: Bools) -> Floats:
+    """Return the readings of a group's samples less the mean of its presses at equal depth and time."""
+    readings, press = data.normal_N.copy(), data.press
+    if data.is_curves:
+        branch, cell = branches(data), np.zeros(data.size, dtype=np.int64)
+        for kind in np.unique(branch[rows]):
+            mine = rows & (branch == kind)
+            along = data.depth_mm if kind != HOLD else data.time_s - data.time_s[data.first][press]
+            columns = np.column_stack(_polynomials(along, mine, DEGREES[int(kind)], SAME_MM))[mine]
+            readings[mine] -= columns @ np.linalg.lstsq(columns, readings[mine], rcond=None)[0]
+            for one in np.unique(press[mine]):
+                own = np.flatnonzero(mine & (press == one))
+                cell[own] = PARTS * int(kind) + PARTS * np.arange(own.size) // own.size
+    else:
+        slopes, cell = data.slopes, np.zeros(data.size, dtype=np.int64)
+        if slopes is not None:
+            about = np.nan_to_num(np.column_stack([slopes.from_mm, slopes.azimuth_deg]))
+            cell = np.unique(about, axis=0, return_inverse=True)[1].reshape(-1)
+        readings *= float(data.depth_mm[rows].mean()) / data.depth_mm
+    found = []
+    for part in np.unique(cell[rows]):
+        mine = rows & (cell == part)
+        _, which, count = np.unique(press[mine], return_inverse=True, return_counts=True)
+        means = np.bincount(which, readings[mine]) / count
+        found.append(readings[mine] - means.mean())
+    return np.concatenate(found)
 
 
 def covariates(data: Observations) -> tuple[Covariate, ...]:

@@ -66,10 +66,10 @@ class Watch:
         """Whether the time is over."""
         return self._deadline.passed
 
-    def tell(self, what: str) -> None:
-        """Report the step that begins."""
-        self._progress(self._done, self._done + 1, what)
-        self._done += 1
+    def tell(self, what: str, done: int = 0, of: int = 0) -> None:
+        """Report the step that begins; of a pass whose number of steps is known, `done` of so many."""
+        self._progress(*((done, of) if of else (self._done, self._done + 1)), what)
+        self._done += not of
 
 
 UNWATCHED = Watch()

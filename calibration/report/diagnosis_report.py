@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -12,22 +12,25 @@ from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Failure, few_presses
-from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import get_effect
 from calibration.fit.repeats import LEVEL
+from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.deadline import Progress
 from calibration.laws.theory import stated_outside_gels
 from calibration.model.stages import Effect, Parameter
 from calibration.report import drawing, figures, page, wording
 from calibration.report.drawing import ResidualMap
 from calibration.report.figures import FigureFolder
+from calibration.report.headline import fall_sentence, modulus_line, modulus_table
 from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
 from calibration.report.report import all_presses
 from calibration.report.wording import in_words
+from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import as_comparison
 from tactilevision.errors import InputError
 from tactilevision.recording.layout import some
 from tactilevision.records.constants import KILO
+from tactilevision.records.misfit import ErrorFall
 
 ANEW = (
     " Below, the depths are corrected by these sizes; `compare` excludes what a wall may shade instead, to "
@@ -46,7 +49,8 @@ def next_sentence(found: Diagnosis) -> str:
     best = found.measure_next[0]
     sigma = best.separation_sigma
     gain = f", expected to separate the candidates by {sigma:.0f} std" if sigma > 0 else ""
-    return f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."
+    why = f", since {best.why}" if best.why else ""
+    return f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain}){why}."
 
 
 def summary(found: Diagnosis) -> list[str]:
@@ -62,11 +66,8 @@ def summary(found: Diagnosis) -> list[str]:
     ]
     if found.remainder.change_point is not None:
         lines.append(f"  since press {found.remainder.change_point}")
-    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
-    if found.effects:
-        lines += [f"E before: {wording.estimate(before)}", f"E after:  {wording.estimate(after)}"]
-    else:
-        lines.append(f"E: {wording.estimate(after)}")
+    lines += [f"  {fall_sentence(fall)}" for fall in _falls(found)]
+    lines += [f"E of the {modulus_line(name, gel)}" for name, gel in materials(found).items()]
     lines.append(allowed_for(found))
     untested = found.limits.not_testable
     if untested:
@@ -102,13 +103,14 @@ def diagnosis_page(
     In order: verdict, misfit, what explains it and what does not, the material, and what to do next. `reliefs`:
     residuals of the height maps; `commands`: commands to try.
     """
-    tried, before = found.search.tried, found.material.before.youngs_modulus
-    falls = [fall for fall in error_falls(as_comparison(found)) if len(fall.models) > 1]
+    tried, falls = found.search.tried, _falls(found)
     cards = {key: _card(key, one, found, folder) for key, one in drawing.candidates(found, private).items()}
-    moduli = {BASE: before, after_words(found): found.material.after.youngs_modulus}
+    gels = materials(found)
+    moduli = {name: one.youngs_modulus for name, one in gels.items()}
     return page.page(
         f"Diagnosis of {', '.join(found.fits.base.data.recordings)}",
         _head(found),
+        modulus_table(gels),
         *_misfit(found, reliefs, folder, progress),
         page.section(
             _explains(found),
@@ -120,13 +122,29 @@ def diagnosis_page(
             "Examined so far" if found.stopped else "Tried, and does not explain it",
             *(card for key, card in cards.items() if key in tried),
         ),
-        page.section("E before and after", *figures.keep_moduli(moduli, folder), _material(found)),
+        page.section("E before and after", *figures.keep_moduli(moduli, folder), _stiffness(gels)),
         page.section("What to measure next", _next(found)),
         page.section("Commands to try", *(page.command(text) for text in commands)),
         page.folded("Can these data distinguish the effects?", *figures.keep_confusable_effects(found, folder)),
         page.folded("Not testable with these data", _untestable(found)),
         page.folded("Effects too small to be significant", _from_here_on(found)),
+        page.folded("What the four verdicts mean", page.table(("", ""), list(VERDICTS.items()))),
     )
+
+
+def _falls(found: Diagnosis) -> list[ErrorFall]:
+    """Return the errors that effects of the diagnosis change."""
+    return [fall for fall in error_falls(as_comparison(found)) if len(fall.models) > 1]
+
+
+def materials(found: Diagnosis) -> dict[str, CalibrationResult]:
+    """Return the material of the base model and, where there are effects, of the last one, by name."""
+    base, gel = found.fits.base, found.material
+    known = [in_words(key) for key in base.model.keys if key not in TOLERANCES]
+    first = " + ".join((BASE, *known))
+    if found.fits.fitted is base and not found.effects:
+        return {first: gel.after}
+    return {first: gel.before, after_words(found): gel.after}
 
 
 def _of_force(found: Diagnosis) -> list[str]:
@@ -151,7 +169,7 @@ def _misfit(
     ]
     depth = figures.keep_reconstructed_depth(found, reliefs, folder)
     if found.effects and not named:
-        quiet = page.folded("The forces, which the model explains within their repeatability", *force)
+        quiet = page.folded("The forces, in which no effect is significant", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
     fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < LEVEL
     return [
@@ -185,24 +203,15 @@ def _head(found: Diagnosis) -> str:
     """Return the verdict and its consequences."""
     said = [
         *(stopped_sentence(found), reading_sentence(found)),
+        *(fall_sentence(fall) for fall in _falls(found)),
         *(_effect_sentence(effect) for effect in found.effects),
         *(_needed(w) for w in found.remainder.would_have_to_be),
-        *(_material_moves(found), allowed_for(found)),
+        allowed_for(found),
         *(OWN_IDEA if found.verdict == "UNKNOWN" else "", next_sentence(found)),
     ]
     lead = page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")
     kind = "verdict " + ("clean" if found.verdict == "ADEQUATE" else "found")
     return page.block(kind, lead, *(page.paragraph(text) for text in said if text))
-
-
-def _material_moves(found: Diagnosis) -> str:
-    """Return a sentence on E with and without the named effects; empty without them."""
-    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
-    if not found.effects or before.value is None or after.value is None:
-        return ""
-    if found.fits.fitted is found.fits.base:
-        return f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."
-    return f"With it, Young's modulus is {wording.estimate(after)}; without it, {wording.estimate(before)}."
 
 
 def _needed(one: InadmissibleBeta) -> str:
@@ -277,15 +286,15 @@ def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
 
 def after_words(found: Diagnosis) -> str:
     """Return a heading for E after the diagnosis."""
-    bent = ",\ncurved within theory" if "bend_within_theory" in found.flags else ""
-    return ("with the named effects" if found.effects else "with all possible effects") + bent
+    named = [f"+ {in_words(effect.key)}" for effect in found.effects] or [BASE]
+    bent = [", curved within theory"] if "bend_within_theory" in found.flags else []
+    return " ".join(named) + "".join(bent)
 
 
-def _material(found: Diagnosis) -> str:
-    both = (found.material.before, found.material.after)
-    names = wording.MATERIAL.items()
-    rows = [(title, *(wording.estimate(getattr(one, name)) for one in both)) for name, title in names]
-    return page.table(("", BASE, after_words(found)), rows)
+def _stiffness(gels: Mapping[str, CalibrationResult]) -> str:
+    titles = {name: title for name, title in wording.MATERIAL.items() if name in ("c", "beta")}
+    rows = [(name, *(wording.estimate(getattr(one, key)) for key in titles)) for name, one in gels.items()]
+    return page.table(("", *titles.values()), rows)
 
 
 def _outside(found: Diagnosis) -> str:
@@ -299,12 +308,17 @@ def _outside(found: Diagnosis) -> str:
 def _next(found: Diagnosis) -> str:
     steps = found.measure_next
     rows = [
-        (one.action, f"{one.minutes:.0f}", f"{one.separation_sigma:.1f}" if one.separation_sigma > 0 else "–")
+        (
+            one.action,
+            one.why,
+            f"{one.minutes:.0f}",
+            f"{one.separation_sigma:.1f}" if one.separation_sigma > 0 else "–",
+        )
         for one in steps
     ]
-    head = ("do", "minutes", "separates the candidates by (std; 3 suffice)")
-    columns = 3 if any(one.separation_sigma > 0 for one in steps) else 2
-    return page.table(head[:columns], [row[:columns] for row in rows], numbers=(1, 2))
+    head = ("do", "why", "minutes", "separates the candidates by (std; 3 suffice)")
+    columns = 4 if any(one.separation_sigma > 0 for one in steps) else 3
+    return page.table(head[:columns], [row[:columns] for row in rows], numbers=(2, 3))
 
 
 def _untestable(found: Diagnosis) -> str:
@@ -333,6 +347,12 @@ def _bias(share: float | None) -> str:
 # The verdict in words: what is wrong with the rig or the gel, and what E's interval allows for.
 
 MANY = 8  # presses that are all named
+VERDICTS = {  # in words, for a page
+    "ADEQUATE": "no effect is significant: nothing in these data contradicts the model",
+    "IDENTIFIED": "an effect is missing from the model, and only the one named fits these data",
+    "AMBIGUOUS": "an effect is missing, and these data do not distinguish which of those listed",
+    "UNKNOWN": "something is missing that no effect of the catalogue explains",
+}
 NEAR = 0.1  # least share of a misfit, of an interval or of its widening that is reported
 SHARES = ("relative", "gain", "softer")  # parameters given in per cent
 
@@ -362,19 +382,15 @@ def _verdict_sentence(found: Diagnosis) -> str:
     if found.stopped and not found.effects:
         return _so_far(found)
     named = " and ".join(in_words(effect.key) for effect in found.effects)
-    before, after = KILO * found.errors.held_out_before, KILO * found.errors.held_out_after
-    change = "falls" if after < before else "changes"
-    fall = f"; the error on held-out presses {change} from {before:.1f} to {after:.1f} mN"
-    if not _of_force(found):
-        fall = "; the forces themselves are explained within their repeatability"
+    fall = "" if _of_force(found) else " No effect is significant in the forces themselves."
     match found.verdict:
         case "ADEQUATE":
-            said = "The model explains these data within their repeatability: no effect is significant."
+            said = "No effect is significant: nothing in these data contradicts the model."
             if "bend_within_theory" in found.flags:
                 said += " The curvature lies within the range of finite elements."
             return said + few_sentence(found) + unseen_sentence(found)
         case "IDENTIFIED":
-            return f"An effect is missing from the model, and it is {named}{fall if found.effects else ''}."
+            return f"{plain_words([effect.key for effect in found.effects])}.{fall if found.effects else ''}"
         case "AMBIGUOUS":
             return _ambiguous(found)
         case _ if found.presses.odd:
@@ -383,12 +399,19 @@ def _verdict_sentence(found: Diagnosis) -> str:
             with_it = f", {named} allowed for" if named else ""
             return (
                 "The reconstructed depth has an error that no effect of the catalogue explains."
-                f"{_nearest(found)} The forces themselves are explained within their repeatability{with_it}."
+                f"{_nearest(found)} No effect is significant in the forces themselves{with_it}."
             )
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def plain_words(keys: Sequence[str]) -> str:
+    """Return what effects are in plain words, each with its name."""
+    said = [f"{about.title}: {in_words(key)}" if (about := _about(key)) else in_words(key) for key in keys]
+    text = "; and ".join(said) or "an effect is missing from the model"
+    return text[0].upper() + text[1:]
 
 
 def _ambiguous(found: Diagnosis) -> str:
@@ -446,17 +469,15 @@ def stopped_sentence(found: Diagnosis) -> str:
 
 
 def reading_sentence(found: Diagnosis) -> str:
-    """Return the errors of the reconstructed depth before and after a gain, apart from what steep walls hide."""
-    if (sight := found.search.sight) is None:
+    """Return what a gain of the reconstructed depth leaves at the faces; empty without such a gain."""
+    sight = found.search.sight
+    if sight is None or sight.base.data.slopes is None:
         return ""
-    read = {step.best.effect.key for step in sight.steps}
-    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
-    if gain is None or gain.value is None:
-        return ""
-    before, after = (KILO * reading_error_mm(fitted) for fitted in (sight.base, sight.current))
-    fall = f"The error of the reconstructed depth on held-out presses changes from {before:.1f} to {after:.1f} µm."
-    hidden = " Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
-    return fall + hidden * (sight.base.data.slopes is not None)
+    gained = {
+        step.best.effect.key for step in sight.steps if "gain" in {p.name for p in step.best.effect.parameters}
+    }
+    hidden = "Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
+    return hidden if gained & {effect.key for effect in found.effects} else ""
 
 
 def few_sentence(found: Diagnosis) -> str:
@@ -467,7 +488,7 @@ def few_sentence(found: Diagnosis) -> str:
 
 
 def unseen_sentence(found: Diagnosis) -> str:
-    """Return the effects that would not be significant but change E by more than its interval; else empty."""
+    """Return the effects too small to be significant that change E by more than its interval; else empty."""
     E = found.material.after.youngs_modulus
     if E.value is None or E.interval95 is None:
         return ""
@@ -480,8 +501,8 @@ def unseen_sentence(found: Diagnosis) -> str:
     also = f" (also {', '.join(others)})" if others else ""
     size, off = shown_size(found, key), 100 * beyond[key]
     return (
-        f" Yet {in_words(key)} of up to {size} would not be significant, and changes E by up to {off:.0f} %, more "
-        f"than its interval{also}."
+        f" Effects too small to be significant may remain: {in_words(key)} of up to {size} would change E by up "
+        f"to {off:.0f} %{also}. E's interval counts each by how likely it is."
     )
 
 
@@ -495,8 +516,7 @@ def allowed_for(found: Diagnosis) -> str:
         return ""
     most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
     named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]
-    without = wording.estimate(replace(E, interval95=alone))
-    return f"E's interval allows for undetected effects, above all {', '.join(named)}; without them: {without}."
+    return f"E's interval with what may be unseen allows above all for {', '.join(named)}."
 
 
 def amount(first: Parameter, size: float) -> str:

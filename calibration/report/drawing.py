@@ -14,7 +14,7 @@ from calibration.diagnosis.covariates import seen_covariates
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import CANNOT_FIT, TOLD_APART, Candidate, apart, refit_with
 from calibration.diagnosis.score_test import Scored
-from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone
+from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, recorded_of_depth
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit, box_of, differentiate, unexplained
@@ -135,19 +135,9 @@ def sighting(found: Diagnosis) -> Sighting | None:
     if (sight := found.search.sight) is None:
         return None
     base, data = sight.base, sight.base.data
-    against = [("certified depth (mm)", data.depth_mm)]
-    if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
-        against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
-    else:
-        against.append(("press", data.presses.order[data.press] + 1))
-    if data.slopes is not None:
-        against += [
-            ("slope next to the punch face (mm/mm)", data.slopes.slope),
-            ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
-        ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
     corrected = data.normal_N / read_alone(sight.current) if sight.steps else None
-    return Sighting(depth_ratio(base), corrected, face, tuple(against))
+    return Sighting(depth_ratio(base), corrected, face, tuple(recorded_of_depth(data)))
 
 
 def candidates(found: Diagnosis, private: Sequence[Effect]) -> dict[str, Candidate | None]:
@@ -170,7 +160,7 @@ def candidates(found: Diagnosis, private: Sequence[Effect]) -> dict[str, Candida
     return made
 
 
-def overlay(base: Fit, candidate: Candidate) -> Strip:
+def overlay(base: Fit, candidate: Candidate | Fit) -> Strip:
     """Return the residual without and with the candidate and the candidate's own change.
 
     They are binned over the covariate along which it changes most.

@@ -13,14 +13,14 @@ from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
-from calibration.inputs.conditions import Covariate, bins, repeat_groups
+from calibration.inputs.conditions import Covariate, bins, true_repeats
 from calibration.inputs.denoised_depth import BRANCHES, branches
 from calibration.inputs.observations import Observations
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
-from tactilevision.records.constants import TAILS95, Z95
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.constants import Z95
+from tactilevision.records.measured import Floats
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
 
@@ -134,23 +134,6 @@ def levels(name: str, data: Observations) -> tuple[str, ...]:
 
 BASE = "base model"  # the contact law without effects
 AS_READ = "as read"  # the reconstructed depth without effects
-MIN_DOF = 2  # repeated presses, less one a group, that determine a repeatability
-
-
-def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
-    """Return the 95 % interval of a repeatability (a std, in any unit); None with too few repeats.
-
-    (n - 1) s^2/sigma^2 is chi-squared; n - 1 counts the presses less one a group of repeats. Source: Draper and
-    Smith, Applied Regression Analysis, ch. 1.
-    """
-    from scipy.special import gammaincinv
-
-    groups = repeat_groups(fitted.data)
-    dof = fitted.data.count - np.unique(groups).size
-    if dof < MIN_DOF or not math.isfinite(repeatability):
-        return None
-    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in reversed(TAILS95))
-    return low, high
 
 
 def error_falls(found: Comparison) -> list[ErrorFall]:
@@ -163,8 +146,8 @@ def error_fall_of_comparison(found: Comparison) -> ErrorFall:
     """Return the error of the models in the order in which effects were added."""
     held_out = [one.held_out_N for one in found.models]
     known = all(map(math.isfinite, held_out))
-    last, errors = found.models[-1], held_out if known else [one.rms_N for one in found.models]
-    return _fall([one.effects for one in found.models], errors, last.fitted, last.repeatability_N, known)
+    errors = held_out if known else [one.rms_N for one in found.models]
+    return _fall([one.effects for one in found.models], errors, found.models[0].fitted, known)
 
 
 def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
@@ -175,16 +158,15 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
     if not found:
         return ()
     fits, effects = [one.fitted for one in found], [one.effects for one in found[1:]]
-    fall = _fall(effects, [one.held_out_N for one in found], fits[-1], found[-1].repeatability_N, True)
+    fall = _fall(effects, [one.held_out_N for one in found], fits[0], True)
     faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
     return (replace(fall, models=(AS_READ, *fall.models), unit="mm", faces=faces),)
 
 
-def _fall(
-    effects: Sequence[Sequence[str]], errors: Sequence[float], last: Fit, repeatability: float, held_out: bool
-) -> ErrorFall:
-    band = repeatability_band(last, repeatability)
-    return ErrorFall(model_names(effects), tuple(errors), repeatability, band, held_out)
+def _fall(effects: Sequence[Sequence[str]], errors: Sequence[float], base: Fit, held_out: bool) -> ErrorFall:
+    repeats = true_repeats(base.data)
+    std, band = (math.nan, None) if repeats is None else (repeats.std, repeats.interval95)
+    return ErrorFall(model_names(effects), tuple(errors), std, band, held_out)
 
 
 def model_names(effects: Sequence[Sequence[str]]) -> tuple[str, ...]:

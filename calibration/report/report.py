@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from calibration.diagnosis.covariates import press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.fit.repeats import LEVEL
+from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.conditions import true_repeats
 from calibration.inputs.deadline import Progress
 from calibration.noise.reml import BEYOND_CHANCE
 from calibration.report import figures, page, wording
 from calibration.report.figures import FigureFolder
+from calibration.report.headline import fall_lead, fall_note, modulus_table
 from calibration.report.misfit import AS_READ, BASE, error_falls, force_curves, model_names, residual_strips
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
@@ -64,7 +67,7 @@ def summary(result: CalibrationResult) -> list[str]:
         f"slope         beta  = {wording.estimate(result.beta)}",
         (f"R^2 = {result.r_squared:.4f}, " if math.isfinite(result.r_squared) else "")
         + f"{wording.fit_error(result.held_out_N, result.rms_error_N)}, "
-        f"{wording.repeatability(result.noise_floor_N)}, law: {law}",
+        f"{wording.repeatability(true_repeats(result.fitted.data))}, law: {law}",
     ]
     if result.clock_offset.value is not None:
         lines.append(f"F/T clock minus camera clock = {wording.estimate(result.clock_offset)}")
@@ -117,16 +120,19 @@ def _pictures(presses: Sequence[str], *, of: int) -> str:
 
 def _head(result: CalibrationResult) -> str:
     """Return the result in one sentence and as a table."""
-    found = {name: wording.estimate(getattr(result, name)) for name in (*wording.MATERIAL, *ALSO)}
+    names = [name for name in (*wording.MATERIAL, *ALSO) if name not in E_AND_NU]
+    found = {name: wording.estimate(getattr(result, name)) for name in names}
     kept = len(result.presses_accepted)
-    presses = f"{kept} of {kept + len(result.presses_rejected)} presses"
-    said = f"Young's modulus E is {found['youngs_modulus']}, Poisson's ratio ν {found['poisson_ratio']}"
-    notes = MEANINGS | {"poisson_ratio": f"from {source_in_words(result)}"}
+    said = f"From {kept} of {kept + len(result.presses_rejected)} presses; ν from {source_in_words(result)}."
+    model = " + ".join((BASE, *map(in_words, (k for k in result.fitted.model.keys if k not in TOLERANCES))))
     titles = wording.MATERIAL | ALSO
-    rows = [(titles[name], value, notes.get(name, "")) for name, value in found.items()]
+    rows = [(titles[name], value, MEANINGS.get(name, "")) for name, value in found.items()]
     rows.append(("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"))
-    table = page.table(("", "value and 95 % interval", ""), [*rows, *_error_rows(result)])
-    return page.paragraph(f"{said}, from {presses}.", kind="lead") + _sufficient(result) + table
+    more = page.table(("", "value and 95 % interval", ""), [*rows, *_error_rows(result)])
+    table = modulus_table({model: result})
+    return (
+        table + page.paragraph(said) + _sufficient(result) + page.folded("More of the material and the fit", more)
+    )
 
 
 def _sufficient(result: CalibrationResult) -> str:
@@ -143,16 +149,13 @@ def _sufficient(result: CalibrationResult) -> str:
 
 
 def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
-    """Return the error on held-out presses, and the repeatability to compare it with."""
+    """Return the error on held-out presses, and how repeated presses scatter."""
     name, error = "error on held-out presses (rms)", result.held_out_N
     if not math.isfinite(error):
         name, error = "error on fitted presses (rms)", result.rms_error_N
     line = f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else ""
     rows = [(name, f"{KILO * error:.1f} mN", line)]
-    if math.isfinite(result.noise_floor_N):
-        scatter = f"{KILO * result.noise_floor_N:.1f} mN"
-        rows.append(("repeatability (std)", scatter, "scatter of repeated presses' forces"))
-    return rows
+    return [*rows, ("", wording.repeatability(true_repeats(result.fitted.data)), "of one punch, place and speed")]
 
 
 def _details(result: CalibrationResult) -> str:
@@ -200,6 +203,7 @@ def _with_std(value: float, std: float) -> str:
 
 # The page of a comparison of models: how the error falls, the residuals, and the material.
 
+E_AND_NU = ("youngs_modulus", "poisson_ratio")  # of a result
 NAMED = 2  # covariates of the residual that are named
 LAW = {"beta": "slope β"}  # parameters of the law in words
 OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of the material
@@ -214,7 +218,8 @@ def comparison_page(
     """
     models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
     fits = {name: model.fitted for name, model in models.items()}
-    moduli = {name: one.material.youngs_modulus for name, one in models.items() if one.material is not None}
+    materials = {name: one.material for name, one in models.items() if one.material is not None}
+    moduli = {name: one.youngs_modulus for name, one in materials.items()}
     falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
     strips = residual_strips(fits, [one.covariates for one in found.models])
     folded = all_presses(curves, folder, progress)
@@ -222,11 +227,12 @@ def comparison_page(
     return page.page(
         f"Comparison of {', '.join(found.stated.recordings)}",
         _comparison_head(found, falls, state),
+        modulus_table(materials),
         page.section("How the error falls", *figures.keep_falls(falls, folder)),
         page.section("Measured and modelled force", *forces, folded),
         page.section("Residual, and on what it depends", *figures.keep_strips(strips, folder)),
         page.section("Parameters", _parameters(found)),
-        page.section("Effect on the material", *figures.keep_moduli(moduli, folder), _material_rows(found)),
+        page.section("Effect on the material", *figures.keep_moduli(moduli, folder), _stiffness_rows(materials)),
         page.section(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),
@@ -240,13 +246,15 @@ def all_presses(curves: ForceCurves, folder: FigureFolder, progress: Progress) -
 
 
 def _comparison_head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
-    lines = [page.paragraph(text, kind="lead") for text in (fall_sentence(fall) for fall in falls) if text]
+    lines = [
+        page.paragraph(f"{fall_lead(fall)}.", kind="lead") + page.paragraph(fall_note(fall)) for fall in falls
+    ]
     lines += [page.paragraph(state)] if state else []
     lines += [page.paragraph(f"{in_words(key).capitalize()} is excluded: {why}.") for key, why in found.left_out]
     explained = all(fall.reached for fall in falls)
     pattern = pattern_sentence(found, explained=explained)
     lines += [page.paragraph(pattern)] if pattern else []
-    return page.block("verdict clean" if explained and not pattern else "verdict", *lines)
+    return page.block("verdict", *lines)
 
 
 def pattern_sentence(found: Comparison, *, explained: bool) -> str:
@@ -257,29 +265,6 @@ def pattern_sentence(found: Comparison, *, explained: bool) -> str:
     on = list(dict.fromkeys(wording.covariate(key) for key in keys))[:NAMED]
     begin = "The residual still" if explained else "The residual"
     return f"{begin} depends on {' and '.join(on)}." if on else ""
-
-
-def fall_sentence(fall: ErrorFall) -> str:
-    """Return a sentence on the error of each model, compared with the repeatability."""
-    unit = "mN" if fall.unit == "N" else "µm"
-    first, last = KILO * fall.error[0], KILO * fall.error[-1]
-    what = "held-out presses" if fall.held_out else "fitted presses"
-    beside = " next to the faces" if fall.faces else ""
-    of = "the force" if fall.unit == "N" else f"the reconstructed depth{beside}"
-    added = " and ".join(name.removeprefix("+ ") for name in fall.models[1:])
-    if added:
-        change = "lowers" if last < first else "does not lower"
-        said = f"Adding {added} {change} the error of {of} on {what}: from {first:.1f} to {last:.1f} {unit}"
-    else:
-        said = f"Without effects the error of {of} on {what} is {first:.1f} {unit}"
-    if fall.band is not None:
-        low, high = (KILO * end for end in fall.band)
-        within = "within" if last <= high else "above"
-        said += f", {within} the presses' repeatability ({low:.1f} to {high:.1f} {unit})"
-    if not fall.faces:
-        return f"{said}."
-    errors = " → ".join(f"{KILO * one:.1f}" for one in dict.fromkeys((fall.faces[0], fall.faces[-1])))
-    return f"{said}. The error of the faces themselves is {errors} µm, part of it hidden by their walls."
 
 
 def _parameters(found: Comparison) -> str:
@@ -308,10 +293,6 @@ def parameter(name: str, meaning: str) -> str:
     return f"{in_words(effect)}: {meaning}" if effect else LAW.get(name, meaning)
 
 
-def _material_rows(found: Comparison) -> str:
-    rows = [
-        (column(model), *(wording.estimate(one) for one in (gel.youngs_modulus, gel.poisson_ratio, gel.c)))
-        for model in found.models
-        if (gel := model.material) is not None
-    ]
-    return page.table(("", "Young's modulus E", "Poisson's ratio ν", "stiffness c"), rows)
+def _stiffness_rows(materials: Mapping[str, CalibrationResult]) -> str:
+    rows = [(name, wording.estimate(one.c), wording.estimate(one.beta)) for name, one in materials.items()]
+    return page.table(("", "stiffness c", "slope β"), rows)

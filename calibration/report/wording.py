@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from calibration.diagnosis.covariates import IN_WORDS
+from calibration.inputs.conditions import Repeatability
 from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.display import estimate as estimate, number as number
 
@@ -33,9 +34,12 @@ def fit_error(held_out_N: float, rms_N: float) -> str:
     return f"error on fitted presses {KILO * rms_N:.1f} mN"
 
 
-def repeatability(std_N: float) -> str:
-    """Return the scatter of repeated presses' forces in words."""
-    return f"repeatability {KILO * std_N:.1f} mN" if math.isfinite(std_N) else "repeatability unknown"
+def repeatability(repeats: Repeatability | None, unit: str = "mN") -> str:
+    """Return the scatter of true repeats in words."""
+    if repeats is None:
+        return "no press is repeated"
+    low, high = (KILO * end for end in repeats.interval95)
+    return f"repeated presses scatter by {KILO * repeats.std:.1f} {unit} ({low:.1f} to {high:.1f})"
 
 
 def p_value(p: float) -> str:

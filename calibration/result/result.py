@@ -135,6 +135,21 @@ class CalibrationResult(Displayed, Identified):
         """Return the result with more warnings and flags."""
         return replace(self, warnings=(*self.warnings, *warnings), flags=(*self.flags, *flags))
 
+    def from_data(self, quantity: str) -> Pair | None:
+        """Return the 95 % interval of `youngs_modulus` or `poisson_ratio` from the scatter of the data alone.
+
+            value +- t std,    within the estimate's own interval
+
+        The estimate's interval allows in addition for what may be unseen: friction, an edge that is not stated,
+        effects too small to be significant. None without a value.
+        """
+        one: Estimate = getattr(self, quantity)
+        if one.value is None or one.std is None or one.interval95 is None:
+            return None
+        reach = one.std * self.fitted.reach(np.eye(self.fitted.values.size)[0])
+        (low, high), value = one.interval95, one.value
+        return min(max(value - reach, low), value), max(min(value + reach, high), value)
+
     @property
     def law(self) -> str:
         """Key of the contact law."""
@@ -170,6 +185,10 @@ class CalibrationResult(Displayed, Identified):
             "law": self.law,
             "youngs_modulus_MPa": self.youngs_modulus.as_json(),
             "poisson_ratio": self.poisson_ratio.as_json(),
+            "interval95_from_data": {
+                "youngs_modulus_MPa": self.from_data("youngs_modulus"),
+                "poisson_ratio": self.from_data("poisson_ratio"),
+            },
             "poisson_ratio_source": self.poisson_ratio_source,
             "c_N_per_mm": self.c.as_json(),
             "beta": self.beta.as_json(),
@@ -271,6 +290,7 @@ def unfixed_as_json(
         "reduced_modulus_MPa": _open("MPa", why),
         **{name: [] for name in ("youngs_modulus_of_nu", "poisson_ratio_routes", "by_radius", "effects")},
         **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT, "model_test")),
+        "interval95_from_data": {"youngs_modulus_MPa": None, "poisson_ratio": None},
         "clock_offset_s": (clock_offset or NO_CLOCK).as_json(),
         "presses_accepted": [point.press for point in points if point.accepted],
         "presses_rejected": [{"press": press, "reason": reason} for press, reason in rejected(points)],

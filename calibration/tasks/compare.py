@@ -20,6 +20,7 @@ from calibration.fit.least_squares import Fit, fit, unexplained
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.conditions import above_repeats
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
@@ -157,6 +158,7 @@ class Compared:
                 "floor": self.repeatability_N,
                 "in_sample": self.rms_N,
                 "held_out": self.held_out_N,
+                **above_repeats(base.fitted.data, base.held_out_N, self.held_out_N),
             },
             "rms_error_percent": 100 * self.rms_N / float(np.max(data.normal_N)),
             "rms_error_um": KILO * self.rms_N / slope,
@@ -181,6 +183,7 @@ class Compared:
                 "floor": self.repeatability_N,
                 "faces_before": face_error_mm(base.fitted),
                 "faces_after": face_error_mm(self.fitted),
+                **above_repeats(base.fitted.data, base.held_out_N, self.held_out_N),
             },
         }
 
@@ -296,7 +299,7 @@ def with_effect(
     try:
         unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
         if not unseen:
-            one = _evaluate(last.fitted.model + effect, last.fitted)
+            one = _judge(fit_added(last.fitted.model + effect, last.fitted))
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
             longer = replace(found, models=more, suggested=())
             return longer if complete is None else complete(longer)
@@ -424,15 +427,15 @@ def base_model(data: Observations, *, bound: Pair | None = SILICONE_NU) -> Model
     return Model(FlatPunch(free_poisson_ratio=free, poisson_range=bound or OPEN_NU))
 
 
-def _evaluate(model: Model, on: Fit) -> Compared:
-    """Return the errors of one model; `on` is the fit that its last effect was added to.
+def fit_added(model: Model, on: Fit) -> Fit:
+    """Return the fit of a model; `on` is the fit that its last effect was added to.
 
     Of an effect with many starts only the best on that fit are tried.
     """
     added, starts = [one for one in model.effects if one.key not in on.model.keys], None
     if len(added) == 1 and len(added[0].starts(on.data)) > MANY:
         starts = refit_with(on, added[0]).values[None]
-    return _judge(depth_noise.with_errors_in_depth(refit_with_pure_noise(fit(model, on.data, starts=starts))))
+    return depth_noise.with_errors_in_depth(refit_with_pure_noise(fit(model, on.data, starts=starts)))
 
 
 def _judge(fitted: Fit) -> Compared:

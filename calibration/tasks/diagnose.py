@@ -32,7 +32,6 @@ from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, 
 from calibration.diagnosis.unexplained import describe, nearest
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import effects_for
-from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL, repeatability_rms
@@ -45,7 +44,7 @@ from calibration.model.stages import Effect
 from calibration.result.material import determine_material, material_by_routes
 from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
-from calibration.tasks.compare import base_fit, base_model, fit_alone, with_stated_noise
+from calibration.tasks.compare import base_fit, base_model, fit_added, fit_alone, with_stated_noise
 from tactilevision.records.measured import Estimate, Pair
 
 
@@ -157,16 +156,17 @@ def _diagnosed(
     seen = fit_vision_depth(data)
     source = tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))  # of nu
     data = informed(data, bulge, bound=bound)
+    watch.tell("fitting the base model")
     model = base_model(data, bound=bound)
+    compared = plain = base_fit(model, data)
     for effect in known:
         of_picture = None if seen is None else _of_picture(effect, seen, data)
         if of_picture is None:
-            model = model + effect
+            model, compared = model + effect, fit_added(compared.model + effect, compared)
         else:
             seen = of_picture
     level = LEVEL if seen is None else LEVEL / 2
-    watch.tell("fitting the base model")
-    begin = base_fit(model, data)
+    begin = plain if compared is plain else base_fit(model, data)  # at its minimum, as the tests require
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
     force = decision.outcome(found_there, level, decision.odd_presses(found_there, level))
     sight = None
@@ -174,19 +174,22 @@ def _diagnosed(
         others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
         sight = decision.outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
-    found = _determine(_unbiased(force), sight, catalogue, rng)
+    found = _determine(_as_compared(force, compared), sight, catalogue, rng, base=compared)
     before, after = (_sourced(one, source) for one in (found.material.before, found.material.after))
     return replace(found, material=replace(found.material, before=before, after=after))
 
 
-def _unbiased(force: Outcome) -> Outcome:
-    """Return the same steps, the last one's values corrected for the noise of depth readings."""
-    if not force.steps:
-        return force
-    last = force.steps[-1]
-    with suppress(*CANNOT_FIT):
-        last = replace(last, fitted=with_errors_in_depth(last.fitted))
-    return replace(force, steps=(*force.steps[:-1], last))
+def _as_compared(force: Outcome, base: Fit) -> Outcome:
+    """Return the same steps, fitted on `base` as `compare` does: values and errors are those of `compare`."""
+    searched, steps = force.searched, list[Step]()
+    on = base if searched.start is searched.base else searched.start
+    for step in force.steps:
+        own = next(effect for effect in step.fitted.model.effects if effect.key == step.best.effect.key)
+        with suppress(*CANNOT_FIT):
+            step = replace(step, fitted=fit_added(on.model + own, on))
+        on = step.fitted
+        steps.append(step)
+    return replace(force, steps=tuple(steps))
 
 
 def _sourced(result: CalibrationResult, source: str) -> CalibrationResult:
@@ -218,10 +221,10 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
 
 
 def _determine(
-    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator, *, base: Fit
 ) -> Diagnosis:
-    """Return the diagnosis that the two searches end in."""
-    base, fitted = force.searched.base, force.fitted
+    """Return the diagnosis that the two searches end in; `base` is the model that they began with, as compared."""
+    fitted = base if force.fitted is force.searched.base else force.fitted
     steps = (base, *(step.fitted for step in force.steps))
     before = material_by_routes(base)
     alone = concluded(fitted, before if fitted is base else material_by_routes(fitted))

@@ -9,28 +9,30 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from math import inf, nan
+from math import inf, isfinite, nan
 from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
+from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.vision_depth_check import in_picture
-from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations, leave_out
 from calibration.model.stages import Effect
 from calibration.report.drawing import overlay
+from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture
 from calibration.tasks.compare import Comparison, completed, plain_law, with_effect
 from calibration.workbench.opened import Opened
-from tactilevision.records.misfit import Strip
+from tactilevision.records.measured import Estimate
+from tactilevision.records.misfit import ErrorFall, Strip, share_removed
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
 OF_FORCE, OF_PICTURE = "the force", "the reconstructed depth"
@@ -92,20 +94,29 @@ class Evidence:
     """Evidence for one effect that could be added.
 
     `p_adjusted` for the number of tests, NaN where it was not tested for the reason `why`; `of` what it acts on;
-    `fitted` and `shown` the fit with it and its residual, where it was fitted.
+    `added` the models with it, `fall` their error and `shown` the residual, where it was fitted.
     """
 
     effect: Effect
     p_adjusted: float = nan
     why: str = ""
     of: str = OF_FORCE
-    fitted: Candidate | None = None
+    added: Comparison | None = None
+    fall: ErrorFall | None = None
     shown: Strip | None = None
 
     @property
     def significant(self) -> bool:
         """Whether its p lies below the level."""
         return self.p_adjusted < LEVEL
+
+    @property
+    def share(self) -> float:
+        """Share of the removable error that it removes; of the whole where nothing repeats; -inf: not fitted."""
+        if self.fall is None:
+            return -inf
+        before, after = self.fall.error[0], self.fall.error[-1]
+        return self.fall.removed if isfinite(self.fall.removed) else share_removed(before, after, 0.0)
 
 
 def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
@@ -137,52 +148,80 @@ def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
     return []
 
 
-def fit_likeliest(
-    now: Fitted, evidence: Sequence[Evidence], *, report: Callable[[tuple[Evidence, ...]], bool]
-) -> None:
-    """Fit the most significant effects and call `report` with all after each; it returns whether to go on."""
-    table = list(evidence)
-    for k, one in enumerate(table[:REFITTED]):
-        if one.significant and one.of == OF_FORCE:
-            table[k] = fitted_evidence(now, one)
-            if not report(tuple(table)):
-                return
-    ranked = sorted(table[:REFITTED], key=lambda one: inf if one.fitted is None else one.fitted.cost)
-    report((*ranked, *table[REFITTED:]))
+def to_fit(evidence: Sequence[Evidence], named: Sequence[str]) -> list[Evidence]:
+    """Return the effects to fit at once: those named by the diagnosis, then the most significant of each depth."""
+    first = [one for one in evidence if one.effect.key in named]
+    likely = [one for one in evidence if one.significant and one.of == OF_FORCE][:REFITTED]
+    likely += [one for one in evidence if one.significant and one.of == OF_PICTURE][:REFITTED]
+    every = {one.effect.key: one for one in (*first, *likely)}
+    return [one for one in every.values() if one.fall is None and not one.why]
 
 
-def fitted_evidence(now: Fitted, one: Evidence) -> Evidence:
-    """Return the effect fitted on top of the model; with `why` where it cannot be fitted."""
-    base: Fit = now.found.models[-1].fitted
-    if one.of != OF_FORCE or one.fitted is not None:
-        return one
-    try:
-        fitted = refit_with(base, one.effect)
-        return replace(one, fitted=fitted, shown=overlay(base, fitted))
-    except Exception as fault:  # a private effect may raise anything
-        return replace(one, why=f"it cannot be fitted: {str(fault) or type(fault).__name__}")
+def with_fitted(evidence: Sequence[Evidence], one: Evidence) -> tuple[Evidence, ...]:
+    """Return the table with one effect fitted, those that remove most of the error first."""
+    table = [one if other.effect.key == one.effect.key else other for other in evidence]
+    return tuple(sorted(table, key=lambda each: -each.share))
+
+
+def fitted_evidence(models: Models, left_out: Sequence[str], keys: Sequence[str], one: Evidence) -> Evidence:
+    """Return the effect added to the model as `compare` adds it; with `why` where it cannot be."""
+    before, found = (models.fitted(left_out, more).found for more in (keys, (*keys, one.effect.key)))
+    if len(found.left_out) > len(before.left_out):
+        return replace(one, why=f"it cannot be fitted: {found.left_out[-1][1]}")
+    if one.of == OF_PICTURE:
+        return replace(one, added=found, fall=error_fall_of_picture(found.pictured[-2:])[0])
+    last = replace(found, models=found.models[-2:])
+    fitted, shown = last.models[-1].fitted, None
+    with suppress(*CANNOT_FIT):
+        shown = overlay(last.models[0].fitted, fitted)
+    return replace(one, added=found, fall=error_fall_of_comparison(last), shown=shown)
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of a diagnosis in words: verdict, its sentence, remarks, and what to measure next.
+    """Result of a diagnosis in words: verdict, its sentence, remarks, warnings, and what to measure next.
 
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
-    `measure_next`: action, minutes and expected separation in std; `nearest`: the nearest effect of an
-    UNKNOWN, else empty.
+    `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effect of an
+    UNKNOWN, else empty; `modulus`: E of the present model with what may be unseen, where it is the last one.
     """
 
     word: str = ""
     sentence: str = ""
     remarks: tuple[str, ...] = ()
-    measure_next: tuple[tuple[str, float, float], ...] = ()
+    measure_next: tuple[tuple[str, float, float, str], ...] = ()
     named: tuple[str, ...] = ()
     candidates: tuple[str, ...] = ()
     odd: tuple[str, ...] = ()
     nearest: str = ""
+    modulus: Estimate | None = None
+    warnings: tuple[str, ...] = ()
 
 
-Report = Callable[[str], None]
+@dataclass(frozen=True, slots=True)
+class Asking:
+    """Progress of a diagnosis: its step, and how many effects are tried `of` how many in this pass, since when."""
+
+    what: str = ""
+    tried: int = 0
+    of: int = 0
+    passes: int = 0
+    since_s: float = 0.0
+
+    def then(self, what: str, tried: int, of: int) -> Asking:
+        """Return the progress at the next step."""
+        new = of != self.of
+        if new and of == tried + 1:  # a step of its own
+            return replace(self, what=what, tried=0, of=0)
+        return Asking(what, tried, of, self.passes + new, time.monotonic() if new else self.since_s)
+
+    @property
+    def left_s(self) -> float | None:
+        """Time until the pass is done, s, at its pace so far; None before the first effect is tried."""
+        return (time.monotonic() - self.since_s) / self.tried * (self.of - self.tried) if self.tried else None
+
+
+Report = Callable[[str, int, int], None]
 Ask = Callable[[Report], Verdict]  # a diagnosis that reports its steps; picklable
 
 
@@ -215,7 +254,7 @@ class Asked:
                 last = content
                 break
             if not self._dropped:
-                report(content)
+                report(*content)
         if not self._dropped:
             answer(last)
 
@@ -224,7 +263,7 @@ def _answer(writer: Connection, question: Ask) -> None:
     """Run a diagnosis in the process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process handles it, and stops this one
     try:
-        found: Verdict | str = question(lambda what: writer.send(("tell", what)))
+        found: Verdict | str = question(lambda *step: writer.send(("tell", step)))
     except BrokenPipeError:
         return
     except (Exception, SystemExit) as fault:  # of a private effect, anything
@@ -254,7 +293,7 @@ def diagnosed(
     private = {effect.key: effect for effect in map(load_effect, own)}
 
     def progress(done: int, total: int, what: str = "") -> None:
-        report(what)
+        report(what, done, total)
 
     found = diagnose(
         data,
@@ -264,13 +303,17 @@ def diagnosed(
         watch=Watch(progress),
         **nu,
     )
+    last = found.fits.fitted is found.fits.base  # else the result is of a model with more effects than the page's
+    shown = found.material.after if last else found.material.before
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found)))),
-        measure_next=tuple((a.action, a.minutes, a.separation_sigma) for a in found.measure_next),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else ""))),
+        measure_next=tuple((a.action, a.minutes, a.separation_sigma, a.why) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
         nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
+        modulus=shown.youngs_modulus if last else None,
+        warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),
     )

@@ -14,10 +14,10 @@ import signal
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from types import FrameType
 
@@ -26,7 +26,7 @@ from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench import analysis
-from calibration.workbench.analysis import Evidence, Fitted, Verdict
+from calibration.workbench.analysis import Asking, Evidence, Fitted, Verdict
 from calibration.workbench.opened import Opened, what_changed
 from tactilevision.errors import InputError
 
@@ -54,7 +54,7 @@ class Track:
         if not self.past:
             raise InputError("there is nothing to undo", where="workbench")
         *past, before = self.past
-        taken_back = len(before.steps) < len(self.now.steps) and before.left_out == self.now.left_out
+        taken_back = len(before.steps) + 1 == len(self.now.steps) and before.left_out == self.now.left_out
         last = self.now.undo() if taken_back else before  # `tactilevision steps --redo` restores it
         return Track(replace(last, labels=self.now.labels), tuple(past), (*self.future, self.now))
 
@@ -76,8 +76,9 @@ def change(track: Track, action: str, value: str, opened: Opened) -> Track:
             return track.redo()
         case "label":
             return replace(track, now=now.label(value))
-        case "add":
-            return track.then(now.add(Step(value, opened.files.get(opened.effect(value).key, ""))))
+        case "add":  # one key a line
+            steps = [Step(key, opened.files.get(opened.effect(key).key, "")) for key in value.splitlines() or [""]]
+            return track.then(reduce(History.add, steps, now))
         case "remove":
             return track.then(now.remove(value))
         case "leave_out":
@@ -103,7 +104,7 @@ def named_state(history: History, name: str) -> Labelled:
 
 def in_words(action: str, value: str) -> str:
     """Return an action in words."""
-    said = value.replace("_", " ")
+    said = " and ".join(value.splitlines()).replace("_", " ")
     return {
         "open": f"fitting the {BASE}",
         "add": f"adding {said}",
@@ -193,6 +194,7 @@ class Dropping:
 
 BACKGROUND, ACTION = "background", "action"
 LOOK_S = 2.0  # s between checks of the files
+Place = tuple[tuple[str, ...], tuple[str, ...]]  # a state: presses excluded, and effects in their order
 Export = Callable[["Shown", Opened, Path], Path]
 
 
@@ -200,18 +202,22 @@ Export = Callable[["Shown", Opened, Path], Path]
 class Shown:
     """Immutable content of the page.
 
-    `busy`: the current work since `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`:
-    None while the diagnosis runs with its step in `asking`; `troubled`: why there is none; `sides`: two states to
-    compare, by name; `weeks`: each of several recordings alone; `changed`: changes of the files since.
+    `earlier`: the evidence before the last change, until there is new one; `busy`: the current work since
+    `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`: None while the diagnosis runs with
+    its progress in `asking`; `named`: effects that the diagnosis before named and that are not added yet;
+    `troubled`: why there is no verdict; `sides`: two states to compare, by name; `weeks`: each of several
+    recordings alone; `changed`: changes of the files since.
     """
 
     version: int
     track: Track
     now: Fitted | None = None
     evidence: tuple[Evidence, ...] = ()
+    earlier: tuple[Evidence, ...] = ()
     suggested: tuple[str, ...] = ()
     verdict: Verdict | None = None
-    asking: str = ""
+    named: tuple[str, ...] = ()
+    asking: Asking | None = None
     troubled: str = ""
     busy: str = ""
     since_s: float = 0.0
@@ -256,7 +262,7 @@ class Bench:
         self._todo: deque[tuple[str, str]] = deque([("open", "")])
         self._ended = False
         self._asked: analysis.Asked | None = None
-        self._known: defaultdict[tuple[object, ...], Known] = defaultdict(Known)
+        self._known: defaultdict[Place, Known] = defaultdict(Known)
         self._model_since = 1
         self._dropping = Dropping()
         self._shown = Shown(1, Track(begin), busy=f"fitting the {BASE}", since_s=time.monotonic())
@@ -346,7 +352,7 @@ class Bench:
     def _stale(self, version: int) -> bool:
         """Return whether the model has changed since this version; new evidence does not count."""
         return version < self._model_since or any(
-            action not in ("card", "export", "sides") for action, _ in self._todo
+            action not in ("card", "export", "sides", "look") for action, _ in self._todo
         )
 
     def _show(self, **news: object) -> None:
@@ -356,12 +362,14 @@ class Bench:
 
     def _do(self, action: str, value: str) -> None:
         """Process one action; an error is shown on the page, and the state is kept."""
+        if action == "look":  # there is more to look for
+            return
         self._show(busy=in_words(action, value), since_s=time.monotonic(), notice="")
         try:
             if action == "card":
                 self._open_card(value)
             elif action == "sides":
-                self._show(sides=self._side_by_side(value))
+                self._show(sides=self._side_by_side(value.splitlines(), self._quick))
             elif action == "export":
                 self._complete()
                 self._show(saved=str(self._export(self._shown, self.opened, self._out)))
@@ -388,22 +396,27 @@ class Bench:
             self._show(track=track)
             return
         self._drop_question()
-        place = self._place(track.now)
+        known, before, keys = self._known[self._place(track.now)], self._shown, {step.key for step in steps}
+        sure = before.verdict is not None and before.verdict.word != "AMBIGUOUS"
+        named = before.verdict.named if before.verdict is not None and sure else before.named
+        earlier = () if known.evidence else before.evidence or before.earlier
         self._model_since = self._shown.version + 1
         self._show(
             track=track,
             now=fitted,
-            evidence=self._known[place].evidence,
-            suggested=self._known[place].suggested or (),
-            verdict=self._known[place].verdict,
-            asking="",
+            evidence=known.evidence,
+            earlier=tuple(one for one in earlier if one.effect.key not in keys),
+            suggested=known.suggested or (),
+            verdict=known.verdict,
+            named=() if known.verdict else tuple(key for key in named if key not in keys),
+            asking=None,
             troubled="",
             saved="",
             sides=(),
         )
 
     @staticmethod
-    def _place(at: History) -> tuple[object, ...]:
+    def _place(at: History) -> Place:
         return at.left_out, tuple(step.key for step in at.steps)
 
     def _look_on(self) -> None:
@@ -418,15 +431,19 @@ class Bench:
                 self._show(busy="determining the material", since_s=time.monotonic())
                 self._complete()
             known = self._known[place]
+            self._show(busy="testing effects", since_s=time.monotonic())
+            if not known.evidence:
+                self._keep_look(place, analysis.find_evidence(self.opened, shown.now, seed=shown.history.seed))
+            named = () if known.verdict is None else (*known.verdict.named, *known.verdict.candidates)
+            for one in analysis.to_fit(known.evidence, named):
+                if not self._fit_card(one):
+                    return
             if known.suggested is None:
-                self._show(busy="testing effects", since_s=time.monotonic())
-                if not known.evidence:
-                    self._keep_look(place, analysis.find_evidence(self.opened, shown.now, seed=shown.history.seed))
-                analysis.fit_likeliest(
-                    shown.now, known.evidence, report=lambda table: self._keep_look(place, table)
-                )
                 known.suggested = suggest(self._completed(shown.history).found)
             self._show(suggested=known.suggested, busy="")
+            if any(fitted.rng is None for _, fitted in shown.sides):
+                self._show(busy="determining the material of both states", since_s=time.monotonic())
+                self._show(sides=self._side_by_side([name for name, _ in shown.sides], self._completed))
             if len(self.opened.measured) > 1 and not shown.weeks:
                 self._show(busy="fitting each recording alone", since_s=time.monotonic())
                 self._show(weeks=history(self.opened.measured), busy="")
@@ -440,28 +457,36 @@ class Bench:
     def _completed(self, state: History | Labelled) -> Fitted:
         return self.models.completed(state.left_out, [step.key for step in state.steps])
 
-    def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
+    def _keep_look(self, place: Place, table: tuple[Evidence, ...]) -> bool:
         self._known[place].evidence = table
-        self._show(evidence=table)
+        self._show(evidence=table, earlier=())
         return not self._waiting
 
     def _open_card(self, key: str) -> None:
         """Fit one effect of the list, to show its residual."""
-        shown = self._shown
-        if shown.now is None:
-            return
-        table = tuple(analysis.fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
-        self._keep_look(self._place(shown.history), table)
+        for one in self._shown.evidence:
+            if one.effect.key == key and one.fall is None:
+                self._fit_card(one)
 
-    def _side_by_side(self, value: str) -> tuple[tuple[str, Fitted], ...]:
-        """Return two states by their names, one a line; nothing for other texts."""
-        names = value.splitlines()
+    def _fit_card(self, one: Evidence) -> bool:
+        """Fit one effect on top of the current model; return whether nothing else waits."""
+        left_out, keys = place = self._place(self._shown.history)
+        fitted = analysis.fitted_evidence(self.models, left_out, keys, one)
+        return self._keep_look(place, analysis.with_fitted(self._known[place].evidence, fitted))
+
+    def _side_by_side(
+        self, names: Sequence[str], fitted: Callable[[Labelled], Fitted]
+    ) -> tuple[tuple[str, Fitted], ...]:
+        """Return two states by their names; nothing for another number of names."""
         if len(names) != 2:
             return ()
-        states = [named_state(self._shown.history, name) for name in names]
-        return tuple((name, self._completed(state)) for name, state in zip(names, states, strict=True))
+        return tuple((name, fitted(named_state(self._shown.history, name))) for name in names)
 
-    def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
+    def _quick(self, state: Labelled) -> Fitted:
+        """Return the models of a state as far as they are known; none is fitted again."""
+        return self.models.fitted(state.left_out, [step.key for step in state.steps])
+
+    def _ask(self, shown: Shown, place: Place) -> None:
         if not self._asks or shown.now is None or self._known[place].verdict or self._asked is not None:
             return
         keys = [step.key for step in shown.history.steps]
@@ -470,16 +495,22 @@ class Bench:
             verdict, why = (found, "") if isinstance(found, Verdict) else (None, found)
             self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
-                self._show(verdict=verdict, asking="", troubled=why)
+                self._show(verdict=verdict, named=(), asking=None, troubled=why)
+                with self._turn:
+                    self._todo.append(("look", ""))  # the effects that it named may not be fitted yet
+                    self._turn.notify_all()
+
+        def report(what: str, tried: int, of: int) -> None:
+            self._show(asking=(self._shown.asking or Asking()).then(what, tried, of))
 
         opened, data = self.opened, shown.now.found.stated
         own, seed = tuple(opened.files.values()), shown.history.seed
         question = partial(
             analysis.diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound
         )
-        self._show(asking="reading the measurements")
+        self._show(asking=Asking("reading the measurements"))
         with self._dropping.whole():
-            self._asked = analysis.Asked(question, report=lambda what: self._show(asking=what), answer=hear)
+            self._asked = analysis.Asked(question, report=report, answer=hear)
 
     def _drop_question(self) -> None:
         if self._asked is not None:

@@ -16,6 +16,8 @@ from calibration.inputs.deadline import Deadline
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
 from calibration.report.figures import FigureChoice
+from calibration.report.headline import fall_sentence
+from calibration.report.misfit import error_falls
 from calibration.report.report import column
 from calibration.tasks.compare import Compared
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
@@ -117,22 +119,23 @@ def compare(
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
     console.warn([*found.stated.warnings, *excluded])
     console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
+    console.say(*map(fall_sentence, error_falls(found)))
     console.say(*excluded, *(f"{words}: {text}" for words, text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
     console.hand_over(found.as_json(), json)
 
 
 def _picture_line(model: Compared) -> str:
-    error, repeats = (f"{KILO * one:.1f} µm" for one in (model.held_out_N, model.repeatability_N))
+    error = f"{KILO * model.held_out_N:.1f} µm"
     if model.fitted.data.slopes is not None:
         error = f"{error} outside the faces, {KILO * face_error_mm(model.fitted):.1f} µm at the faces"
-    return f"{column(model):24s} error on held-out presses {error}, repeatability {repeats}"
+    return f"{column(model):24s} error on held-out presses {error}"
 
 
 def _model_line(model: Compared) -> str:
     error = wording.fit_error(model.held_out_N, model.rms_N)
     E = "" if model.material is None else f", E {wording.estimate(model.material.youngs_modulus)}"
-    return f"{column(model):24s} {error}, {wording.repeatability(model.repeatability_N)}{E}"
+    return f"{column(model):24s} {error}{E}"
 
 
 def steps(
@@ -169,7 +172,7 @@ def _step_errors(step: Step) -> str:
     if step.unit == "mm":
         return f"error of the picture's depth on held-out presses from {before:.1f} to {after:.1f} um"
     fall = f"from {before:.1f} to {after:.1f} mN"
-    return f"error on held-out presses {fall}, {wording.repeatability(step.repeatability_N)}"
+    return f"error on held-out presses {fall}"
 
 
 def workbench(
@@ -243,9 +246,14 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         private=tuple(own),
         files=files,
         frames=tuple(_frames(one) for one in taken),
-        warnings=(*(warning for one in taken for warning in one.recording.warnings), *data.warnings),
+        warnings=tuple(dict.fromkeys((*(said for one in taken for said in _warnings(one)), *data.warnings))),
         marks=marks,
     )
+
+
+def _warnings(taken: CertifiedRecording) -> tuple[str, ...]:
+    """Return what the terminal warned of while a recording was certified."""
+    return (*taken.warnings, *(() if taken.reconstructor is None else taken.reconstructor.warnings))
 
 
 def _frames(taken: CertifiedRecording) -> Frames | None:

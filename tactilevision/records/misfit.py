@@ -5,6 +5,7 @@ Models are ordered: the base model first, then each with one more effect.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,13 +102,25 @@ class ResidualStrips:
     reach_N: float
 
 
+def share_removed(before: float, after: float, repeatability: float) -> float:
+    """Return the share of the error that can be removed, in mean squares above the repeatability.
+
+        s = (e_0^2 - e_1^2) / (e_0^2 - r^2)
+
+    At most 1; negative where the error grows; NaN where nothing repeats (r is NaN) or where nothing above the
+    repeatability can be removed.
+    """
+    avoidable = before**2 - repeatability**2
+    return min((before**2 - after**2) / avoidable, 1.0) if avoidable > 0 else math.nan
+
+
 @dataclass(frozen=True, slots=True)
 class ErrorFall:
     """The error of each model, on presses held out of the fit (`held_out`) or, if there are too few, fitted ones.
 
-    `error` and `repeatability` in `unit`, N or mm; `band` the 95 % interval of the repeatability, estimated from
-    few presses; None if unknown. `faces`: the error of faces, where `error` is that of the gel outside the
-    contact.
+    `error` and `repeatability` in `unit`, N or mm; the latter is the scatter of true repeats, `band` its 95 %
+    interval; NaN and None where nothing repeats. `faces`: the error of faces, where `error` is that of the gel
+    outside the contact.
     """
 
     models: tuple[str, ...]
@@ -117,6 +130,11 @@ class ErrorFall:
     held_out: bool
     unit: str = "N"
     faces: tuple[float, ...] = ()
+
+    @property
+    def removed(self) -> float:
+        """Share of the removable error of the first model that the last one removes; see `share_removed`."""
+        return share_removed(self.error[0], self.error[-1], self.repeatability)
 
     @property
     def reached(self) -> bool:

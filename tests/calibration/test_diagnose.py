@@ -258,7 +258,10 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
             "floor": model.repeatability_N,
             "in_sample": model.rms_N,
             "held_out": model.held_out_N,
+            "repeats": rows[0]["rms_error_N"]["repeats"],
+            "share_removed": pytest.approx(row["rms_error_N"]["share_removed"], abs=1e-9),
         }
+    assert rows[1]["rms_error_N"]["share_removed"] > 0.8
     assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
 
 

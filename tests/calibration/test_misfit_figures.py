@@ -13,12 +13,13 @@ from test_screen import MODEL
 from calibration.effects import get_effect
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit
+from calibration.inputs.conditions import true_repeats
 from calibration.inputs.deadline import Deadline
 from calibration.inputs.observations import Observations
+from calibration.report.headline import fall_lead, fall_note
 from calibration.report.misfit import (
     error_fall_of_comparison,
     force_curves,
-    repeatability_band,
     residual_strips,
 )
 from calibration.tasks.compare import Comparison, compare
@@ -116,16 +117,39 @@ def test_the_error_falls_to_the_band_of_the_repeatability(found: Comparison) -> 
     assert fall.held_out
     assert fall.error == tuple(one.held_out_N for one in found.models)
     assert fall.error[1] < 0.5 * fall.error[0]
-    assert fall.band is not None
+    repeats = true_repeats(found.stated)
+    assert repeats is not None
+    assert fall.band == repeats.interval95
     assert fall.band[0] < fall.repeatability < fall.band[1]
     dof = 12 - 2  # two radii
     assert fall.band[0] == pytest.approx(fall.repeatability * np.sqrt(dof / chi2.isf(0.025, dof)))
+    assert 0.9 < fall.removed <= 1
+    assert fall_lead(fall).endswith(
+        f"depth zero removes {100 * fall.removed:.0f} % of the error that can be removed"
+    )
 
 
-def test_without_repeats_there_is_no_band(fits: dict[str, Fit]) -> None:
-    alone = replace(fits["law"], data=fits["law"].data.take([0, 1]))
-    assert repeatability_band(alone, 0.01) is None
-    assert repeatability_band(fits["law"], float("nan")) is None
+@pytest.mark.parametrize("seed", range(3))
+def test_the_scatter_of_repeats_is_what_was_planted_whatever_the_curve(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth, count = np.linspace(0.05, 0.6, 40), 16
+    data = observations([depth] * count, [indenter()] * count, time_s=[60.0 * k + depth for k in range(count)])
+    each, common = 0.02 * rng.standard_normal(count)[data.press], np.exp(3 * data.depth_mm)  # no contact law
+    repeats = true_repeats(data.with_force(common + each))
+    assert repeats is not None
+    assert (repeats.presses, repeats.groups) == (count, 1)
+    assert repeats.std == pytest.approx(np.std(each[data.first], ddof=1), rel=1e-3)
+
+
+def test_where_no_press_is_repeated_there_is_no_band(found: Comparison) -> None:
+    data = found.stated
+    assert true_repeats(data.take([0, 1])) is None, "one degree of freedom"
+    places = replace(data.presses, x_mm=np.arange(float(data.count)))
+    assert true_repeats(replace(data, presses=places)) is None
+    fall = replace(error_fall_of_comparison(found), repeatability=float("nan"), band=None)
+    assert not np.isfinite(fall.removed)
+    assert "%" not in fall_lead(fall)
+    assert "no press is repeated" in fall_note(fall)
 
 
 def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:

@@ -93,4 +93,4 @@ def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
     unseen = Searched(base, base, (), (), ScoreTest((), (), {}, {}))
     said = verdict_sentence(replace(found, verdict="UNKNOWN", search=replace(found.search, sight=unseen)))
     assert said.startswith("The reconstructed depth has an error")
-    assert "The forces themselves are explained within their repeatability." in said
+    assert "No effect is significant in the forces themselves." in said

@@ -17,8 +17,8 @@ from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.report.headline import fall_sentence
 from calibration.report.misfit import error_fall_of_picture
-from calibration.report.report import fall_sentence
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records.measured import Floats
@@ -168,6 +168,5 @@ def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added()
     assert fall.models == ("as read",)
     assert not fall.reached
     said = fall_sentence(fall)
-    assert said.startswith("Without effects the error of the reconstructed depth on held-out presses is")
-    assert "above the presses' repeatability" in said
+    assert "µm. Error of the reconstructed depth on held-out presses; repeated presses scatter by" in said
     assert "faces" not in said, "nothing was read beside them"

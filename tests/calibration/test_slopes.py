@@ -16,8 +16,8 @@ from calibration.effects.cast_shadow import CastShadow
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
 from calibration.report.diagnosis_report import shown_size
+from calibration.report.headline import fall_sentence
 from calibration.report.misfit import error_fall_of_picture
-from calibration.report.report import fall_sentence
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile

@@ -109,11 +109,11 @@ def test_a_press_that_cannot_belong_is_set_aside_and_both_verdicts_are_said() ->
     assert found.presses.odd.foreign
     said = verdict_sentence(found)
     assert "Press p5 cannot belong" in said
-    assert "Without it: ADEQUATE. The model explains" in said
+    assert "Without it: ADEQUATE. No effect is significant" in said
     assert found.as_json()["set_aside"] == {"presses": ["p5"], "verdict_without": "ADEQUATE"}
     assert found.measure_next[0].action.startswith("press p5 again")
     assert found.material.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02), "the others' E"
-    assert any(line.startswith("E: ") for line in summary(found))
+    assert any(line.startswith("E of the base model: ") for line in summary(found))
 
 
 def test_one_reading_far_out_among_heavy_tails_is_no_foreign_press() -> None:

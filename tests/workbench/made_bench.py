@@ -52,8 +52,21 @@ def bench(
     history: History | None = None,
 ) -> Bench:
     """With its first model fitted; nothing asked of a diagnosis."""
-    listed = tuple(EFFECTS[key] for key in LOOKED_FOR)
-    opened = Opened((), (), presses(), private=private, files=files or {}, listed=listed)
+    return of_data(presses(), out, private=private, files=files, history=history)
+
+
+def of_data(
+    data: Observations,
+    out: Path,
+    *,
+    listed: tuple[str, ...] = LOOKED_FOR,
+    private: tuple[Effect, ...] = (),
+    files: dict[str, str] | None = None,
+    history: History | None = None,
+) -> Bench:
+    """The same of other measurements."""
+    effects = tuple(EFFECTS[key] for key in listed)
+    opened = Opened((), (), data, private=private, files=files or {}, listed=effects)
 
     def export(_shown: Shown, _opened: Opened, folder: Path) -> Path:
         (folder / "report.html").write_text("report")

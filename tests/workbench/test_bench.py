@@ -17,10 +17,10 @@ from calibration.inputs.observations import leave_out, press_names
 from calibration.tasks.compare import compare
 from calibration.tasks.session import History, load_history
 from calibration.workbench import bench as bench_module
-from calibration.workbench.analysis import Models, Verdict
+from calibration.workbench.analysis import Asking, Models, Verdict
 from calibration.workbench.bench import Bench, Track
 from calibration.workbench.opened import file_marks
-from calibration.workbench.server import curve_view, state_view, tried_view
+from calibration.workbench.views import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
 
@@ -79,11 +79,50 @@ def test_what_stands_out_names_what_is_missing_and_what_it_would_leave(made: Ben
     card = next(one for one in cards if one["key"] == "depth_zero")
     assert card["significant"]
     assert card["overlay"] is not None
-    assert card["rms"][1] < 0.5 * card["rms"][0]
+    shares = [one["fall"]["share"] for one in cards if one["fall"]]
+    assert shares == sorted(shares, reverse=True), "what removes most of the error comes first"
+    assert card["fall"]["share"] == pytest.approx(shares[0], rel=1e-3)
     added = do(made, "add", "depth_zero")
+    assert state_view(made)["falls"][0]["error"] == card["fall"]["error"], "the card has the error of the model"
     assert "depth_zero" not in [one.effect.key for one in added.evidence]
     assert all(one.why or one.p_adjusted > 0 for one in added.evidence)
     assert any(one.why for one in added.evidence), "what these data cannot show says why"
+
+
+def test_what_was_named_stays_until_it_is_added_and_both_are_added_at_once(made: Bench) -> None:
+    made._show(verdict=Verdict("IDENTIFIED", "Two are missing.", named=("depth_zero", "force_bias")))
+    assert state_view(made)["modulus"][0]["lacks"] == "lacks depth zero and force bias"
+    one = do(made, "add", "depth_zero")
+    assert [step.key for step in one.history.steps] == ["depth_zero"]
+    assert [card["key"] for card in state_view(made)["verdict"]["named"]] == ["force_bias"]
+    do(made, "undo")
+    both = do(made, "add", "depth_zero\nforce_bias")
+    assert [step.key for step in both.history.steps] == ["depth_zero", "force_bias"]
+    assert state_view(made)["verdict"]["named"] == []
+    assert [row["name"] for row in state_view(made)["modulus"]] == ["base model", "+ depth zero", "+ force bias"]
+    assert not do(made, "undo").history.steps
+
+
+def test_the_progress_counts_the_effects_of_a_pass() -> None:
+    steps = [
+        ("a", 0, 1),
+        ("b", 1, 2),
+        ("c", 0, 3),
+        ("d", 1, 3),
+        ("e", 2, 3),
+        ("f", 3, 4),
+        ("g", 4, 5),
+        ("h", 0, 6),
+    ]
+    seen = []
+    asking = Asking()
+    for step in steps:
+        asking = asking.then(*step)
+        seen.append((asking.tried, asking.of, asking.passes))
+    assert seen[2:5] == [(0, 3, 1), (1, 3, 1), (2, 3, 1)]
+    assert seen[0] == (0, 0, 0)
+    assert seen[-1] == (0, 6, 2)
+    assert asking.left_s is None
 
 
 def test_one_step_is_removed_from_between_others_and_can_be_put_back(made: Bench) -> None:
@@ -131,6 +170,8 @@ def test_states_have_names_and_stand_side_by_side(made: Bench) -> None:
     view = state_view(made)["sides"]
     assert view["names"] == ["base model", "with zero"]
     assert ["effects", "none", "depth zero"] in view["rows"]
+    errors = next(row for row in view["rows"] if row[0] == "error of the force")
+    assert len(set(errors)) == 3
     assert curve_view(shown)["models"] == ["base model", "with zero"]
     assert not do(made, "sides", "").sides
     shown = do(made, "restore", "with zero")
@@ -267,7 +308,7 @@ def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypat
 
 
 def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> None:
-    unknown = Verdict("UNKNOWN", "Something is missing.", (), (), (), (), (), nearest="depth_along_depth")
+    unknown = Verdict("UNKNOWN", "Something is missing.", nearest="depth_along_depth")
     made._show(verdict=unknown)
     shown = state_view(made)["verdict"]
     assert shown["nearest"] == [{"key": "depth_along_depth", "title": "depth along depth"}]

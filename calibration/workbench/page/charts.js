@@ -116,19 +116,24 @@ function logTicks(values) {
   return { tickvals: ticks.map((t) => t[0]), ticktext: ticks.map((t) => String(t[1])) };
 }
 
-/** The error of each model, and the band in which like presses repeat. */
-function drawFall(place, fall) {
-  const names = fall.models.map((name) => plain(name).replace(/(?<=\S{3}) /g, "<br>")), colours = fall.colours.map(shade);
-  const shapes = [];
-  if (fall.band) shapes.push({ type: "rect", xref: "paper", x0: 0, x1: 1, y0: fall.band[0], y1: fall.band[1], fillcolor: css("--soft"), opacity: 0.22,
-    line: { width: 0 }, layer: "below" });
-  if (fall.repeatability !== null) shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: fall.repeatability, y1: fall.repeatability,
-    line: { dash: "dash", width: 1.5, color: css("--soft") } });
-  const top = Math.max(...fall.error.filter((e) => e !== null), fall.band ? fall.band[1] : 0) * 1.22;
-  draw(place, [{ type: "bar", x: names.map((_, k) => k), y: fall.error, marker: { color: colours }, width: 0.6,
-    text: fall.error.map((e) => (e === null ? "" : e.toFixed(1))), textposition: "outside", cliponaxis: false, hoverinfo: "skip" }],
-  layout("", `rms error (${fall.unit})`, { shapes, dragmode: false, yaxis: { range: [0, top], fixedrange: true },
-    xaxis: { tickvals: names.map((_, k) => k), ticktext: names, tickangle: 0, fixedrange: true, showgrid: false, range: [-0.6, Math.max(names.length, 3) - 0.4] } }));
+/** What pictures read against the certified depth (or, against anything else, their ratio), before and after; `tried` from a slider. */
+function drawDepth(depth, against, chosen, tried, onPress) {
+  const whole = against === 0, traces = [], last = depth.sets[depth.sets.length - 1];
+  const sets = tried ? [...depth.sets, { ...last, name: "slider", read: tried }] : depth.sets;
+  const colours = [css("--first"), depth.sets.length > 1 ? css("--last") : css("--good"), css("--good")];
+  sets.forEach((one, k) => {
+    const aside = whole ? (k - (sets.length - 1) / 2) * 0.012 * Math.max(...one.certified) : 0;  // before and after next to each other
+    const x = one.against[against].values.map((value) => (value === null ? null : value + aside)), y = one.read.map((read, j) => (whole ? read : read / one.certified[j]));
+    traces.push({ x, y, text: one.press.map(plain), mode: "markers", name: plain(one.name), hovertemplate: "press %{text}<br>%{x:.3f}, %{y:.3f}<extra></extra>",
+      marker: { color: colours[k], opacity: 0.75, size: one.face.map((face) => (face ? 9 : 5)), symbol: one.face.map((face) => (face ? "square" : "circle")),
+        line: { width: one.press.map((press) => (press === chosen ? 1.5 : 0)), color: css("--ink") } } });
+  });
+  const x = sets.flatMap((one) => one.against[against].values).filter((value) => value !== null), low = Math.min(...x), high = Math.max(...x);
+  const right = whole ? [[0, high * 1.05], [0, high * 1.05]] : [[low, high], [1, 1]];
+  traces.unshift({ x: right[0], y: right[1], mode: "lines", hoverinfo: "skip", line: { color: css("--soft"), width: 1.5, dash: "dash" } });
+  const node = draw("depth-chart", traces, layout(plain(last.against[against].words), whole ? "depth read (mm)" : "read over certified depth"));
+  node.removeAllListeners && node.removeAllListeners("plotly_click");
+  node.on("plotly_click", (event) => { if (event.points[0].text) onPress(sets[event.points[0].curveNumber - 1].press[event.points[0].pointNumber]); });
 }
 
 /** What a candidate would leave: now, with it, and what it alone explains, over bins. */

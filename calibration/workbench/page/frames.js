@@ -107,14 +107,28 @@ function paint() {
   cut();
 }
 
-/** The line over the height map, and the depth along it. */
+/** After a change of the model: the certified depth stays, the factor of what was read may not. */
+async function certify() {
+  const name = scrub.press, press = state.presses.find((one) => one.name === chosen);
+  if (!press || !scrub.height) return;
+  const asked = await fetch(`frames?recording=${press.recording}&press=${encodeURIComponent(press.label)}`);
+  if (!asked.ok || scrub.press !== name) return;
+  scrub.at = await asked.json();
+  cut();
+}
+
+/** The line over the height map, and the depth along it: as read, corrected by the effects in the model, and certified. */
 function cut() {
-  const { rows, columns, depth, scale } = scrub.height;
+  const { rows, columns, depth, scale } = scrub.height, { certified_mm: certified, factor } = scrub.at;
   document.getElementById("frame-height").setAttribute("aria-valuenow", scrub.row);
   document.getElementById("cut").style.top = `${100 * (scrub.row + 0.5) / rows}%`;
   const line = Array.from(depth.subarray(scrub.row * columns, (scrub.row + 1) * columns), (v) => (Number.isNaN(v) ? null : v));
-  draw("section-chart", [{ x: line.map((_, k) => k * scale), y: line, mode: "lines", line: { color: css("--last"), width: 2 } }],
-    layout("place (mm)", "depth (mm)", { yaxis: { range: scrub.reach } }));
+  const x = line.map((_, k) => k * scale), corrected = factor !== undefined && Math.abs(factor - 1) > 1e-6;
+  const traces = [{ x, y: line, mode: "lines", name: "as read", line: { color: css(corrected ? "--first" : "--last"), width: 2 } }];
+  if (corrected) traces.push({ x, y: line.map((v) => (v === null ? null : v * factor)), mode: "lines", name: "corrected", line: { color: css("--last"), width: 2 } });
+  if (certified !== undefined) traces.push({ x: [0, x[x.length - 1]], y: [certified, certified], mode: "lines", name: "certified", line: { color: css("--good"), width: 2, dash: "dash" } });
+  draw("section-chart", traces, layout("place (mm)", "depth (mm)", { yaxis: { range: [Math.max(scrub.reach[0], 1.1 * (certified || 0)), scrub.reach[1]] }, showlegend: traces.length > 1,
+    legend: { orientation: "h", y: 1.12, yanchor: "bottom", x: 0, font: { size: 11 } }, margin: { l: 52, r: 8, t: 36, b: 38 } }));
 }
 
 function drag(event) {

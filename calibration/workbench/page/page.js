@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
-const FIRST = 4;  // cards that are shown at once
+const FIRST = 4, LITTLE = 0.01;  // cards that are shown at once; share of the error that is worth a card
 const drawn = {};
 const open = new Set();
 
@@ -75,10 +75,13 @@ function show() {
   if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh beside it.`));
   part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text[0] : text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
   tick();
-  part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
+  const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
+  part("verdict", [{ ...verdict, asking: Boolean(asking) }], showVerdict);
+  part("search", [asking, effects, left], showSearch);
+  part("modulus", [state.modulus, state.unseen], showModulus);
   part("falls", state.falls, showFalls);
-  part("components", [state.components, state.material], showComponents);
-  part("cards", [state.cards, state.verdict.word], showCards);
+  part("components", [state.components, state.stiffness], showComponents);
+  part("cards", [state.cards, state.earlier], showCards);
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
@@ -92,43 +95,78 @@ function tick() {
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
-function showVerdict([verdict, falls, modulus]) {
-  const withWords = verdict.with.length ? `With ${verdict.with.join(" and ")} in the model` : "With the base model alone";
-  const clean = verdict.word === "ADEQUATE" && falls.every(([, reached]) => reached);
-  $("verdict").className = verdict.word ? (clean ? "clean" : "found") : "";
+function list(words) { return words.length > 1 ? `${words.slice(0, -1).join(", ")} and ${words.at(-1)}` : words[0] || ""; }
+
+function showVerdict([verdict]) {
+  const add = (keys, words) => h("button", { class: "main", "data-cure": keys.length > 1 ? "all" : keys[0], onclick: () => { act("add", keys.join("\n")); toTop(); } }, words);
+  const withWords = verdict.with.length ? `With ${list(verdict.with)} in the model` : "With the base model alone", named = verdict.named;
+  $("verdict").className = verdict.word ? (verdict.word === "ADEQUATE" ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
-      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : "Looking for what is missing",
-        verdict.asking ? h("span", { class: "soft" }, ` (${verdict.asking} …)`) : ""),
-    verdict.named.length ? h("p", {}, verdict.named.map((one) => h("button", { class: "main", "data-cure": one.key,
-      onclick: () => { act("add", one.key); toTop(); } }, `Add ${one.title}`)), " and watch the error fall.") : "",
-    verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => h("button", { class: "main", "data-cure": one.key,
-      onclick: () => { act("add", one.key); toTop(); } }, `Try ${one.title}`)), " and see whether the error falls.") : "",
-    h("p", { class: "soft" }, `${withWords}.`),
-    falls.map(([sentence, reached]) => h("p", { class: clean && reached ? "good" : "" }, sentence)),
-    modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
+      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Looking for what is missing. Nothing is said of the model before that." : "No verdict yet."),
+    h("p", { class: "soft" }, verdict.word || !named.length ? `${withWords}.` : "Named by the diagnosis before, and not added yet:"),
+    named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
+      verdict.word ? " and watch the error fall." : "") : "",
+    verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => add([one.key], `Try ${one.title}`)), " and see whether the error falls.") : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
+    verdict.warnings.length ? h("ul", { class: "bad" }, verdict.warnings.map((text) => h("li", {}, text))) : "",
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
-      one.gain ? `, expected to separate the candidates by ${one.gain} std)` : ")")))] : "");
+      one.gain ? `, expected to separate the candidates by ${one.gain} std)` : ")", one.why ? h("span", { class: "soft" }, `: ${one.why}`) : "")))] : "",
+    h("details", { open: open.has("sliders verdicts"), ontoggle: (e) => keepOpen("sliders verdicts", e.target.open) }, h("summary", {}, "What the four verdicts mean"),
+      h("dl", {}, Object.entries(verdict.meanings).map(([word, text]) => [h("dt", {}, word), h("dd", {}, text)]))));
 }
 
+/** A thin line: the effects tried of this pass, and the time that it still takes. */
+function showSearch([asking, tried, left]) {
+  $("search").hidden = !asking;
+  if (!asking) return;
+  const [at, of, pass] = tried.length ? tried : [0, 0, 0], bar = $("search").firstChild;
+  bar.firstChild.style.width = of ? `${100 * at / of}%` : "0";
+  bar.setAttribute("aria-valuemin", 0); bar.setAttribute("aria-valuemax", of || 1); bar.setAttribute("aria-valuenow", at);
+  $("search").lastChild.textContent = `Search${pass ? ` ${pass}` : ""}: ${asking}${of ? `, effect ${at + 1} of ${of}` : ""}${left ? `, about ${left < 10 ? Math.ceil(left) : 5 * Math.ceil(left / 5)} s left of it` : ""}`;
+}
+
+/** E and nu of each model, with the interval from the data and with what may be unseen. */
+function showModulus([rows, unseen]) {
+  const cell = (three) => h("td", {}, three.length ? [h("b", {}, three[0]), h("small", {}, `data: ${three[1]}`), h("small", {}, `with unseen: ${three[2]}`)] : h("span", { class: "soft" }, "being determined"));
+  fill("modulus", rows.length ? [h("h2", {}, "Young's modulus and Poisson's ratio"), h("table", {},
+    h("thead", {}, h("tr", {}, ["model", "E (MPa)", "ν"].map((word) => h("th", { scope: "col" }, word)))),
+    h("tbody", {}, rows.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name, row.lacks ? h("small", {}, row.lacks) : ""), cell(row.modulus), cell(row.ratio))))),
+    h("p", { class: "soft" }, `95 % intervals. ${unseen}`)] : "");
+}
+
+const bars = {};  // errors on the screen, by what they are of
+
+/** The error of each model as a bar that runs from the error before to its own, with the scatter of repeats behind. */
 function showFalls(falls) {
-  fill("falls", falls.map((fall) => [h("div", { class: "chart fall", role: "img", "aria-label": fall.sentence }),
-    h("p", { class: "soft" }, `Error of ${fall.of} on ${fall.held_out ? "held-out" : "fitted"} presses. Dashed: repeatability`,
-      fall.band ? ", shaded its 95 % interval." : ".")]));
-  [...$("falls").querySelectorAll(".chart")].forEach((node, k) => drawFall(node, falls[k]));
+  const moved = [];
+  fill("falls", falls.map((fall) => {
+    const top = Math.max(...fall.error, fall.band ? fall.band[1] : 0), at = (value) => `${100 * value / top}%`;
+    const before = bars[fall.of] || fall.error, [numbers, ...rest] = fall.lead.split(": ");
+    bars[fall.of] = fall.error;
+    return h("div", {}, h("p", { class: "lead" }, h("b", {}, numbers), rest.length ? `: ${rest.join(": ")}` : ` error of the ${fall.of}`),
+      h("div", { role: "img", "aria-label": fall.lead }, fall.models.map((name, k) => {
+        const start = k < before.length ? before[k] : before[before.length - 1], text = h("span", { class: "bartext", style: `left: ${at(Math.min(start, top))}` }, fall.error[k].toFixed(1));
+        const bar = h("span", { class: "fill", style: `width: ${at(Math.min(start, top))}; background: ${shade(fall.colours[k])}` });
+        moved.push(() => { bar.style.width = text.style.left = at(fall.error[k]); });
+        return h("div", { class: "row" }, h("span", {}, name), h("span", { class: "track" }, bar,
+          fall.band ? [h("span", { class: "band", style: `left: ${at(fall.band[0])}; width: ${at(fall.band[1] - fall.band[0])}` }), h("span", { class: "mark", style: `left: ${at(fall.repeatability)}` })] : "", text));
+      })),
+      h("p", { class: "soft" }, `${fall.note}${fall.band ? " Shaded on each bar: that scatter with its 95 % interval." : ""}`));
+  }));
+  requestAnimationFrame(() => requestAnimationFrame(() => moved.forEach((move) => move())));
   if (watching && matchMedia("(max-width: 760px)").matches) $("fall").scrollIntoView();
   watching = false;
 }
 
-function showComponents([components, material]) {
+function showComponents([components, stiffness]) {
+  const lines = (one) => one.parameters.filter((p) => !p.aside).map((p) => h("div", {}, `${p.words}: ${p.text}`));
   fill("components", components.map((one) => h("div", { class: "box" },
     h("div", { class: "bar" }, h("h3", {}, one.title), one.key ? h("button", { onclick: () => { act("remove", one.key); toTop(); }, "data-remove": one.key }, "Remove") : ""),
     one.about ? h("p", { class: "soft" }, one.about) : "",
-    one.parameters.filter((p) => !p.aside).map((p) => h("div", {}, `${p.words}: ${p.text}`)), tolerances(one), sliders(one))));
-  fill("material", material.length ? h("details", { open: open.has("sliders gel"), ontoggle: (e) => keepOpen("sliders gel", e.target.open) }, h("summary", {}, "What it says of the gel"), h("table", {},
-    h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "base model"), h("th", { scope: "col" }, "now"))),
-    h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now)))))) : "");
+    one.key ? lines(one) : h("details", { open: open.has("sliders law"), ontoggle: (e) => keepOpen("sliders law", e.target.open) }, h("summary", {}, "More"), lines(one),
+      stiffness.map((row) => h("div", {}, `${row.name}: ${row.before}${row.now === row.before ? "" : ` → ${row.now}`}`))),
+    tolerances(one), sliders(one))));
 }
 
 /** What the measurements are allowed to be off by, as stated; few want to see it. */
@@ -144,7 +182,7 @@ function sliders(component) {
   return !moved.length ? "" : h("details", { open: open.has(name), ontoggle: (e) => keepOpen(name, e.target.open) }, h("summary", {}, "Move a value"),
     moved.map((p) => h("label", {}, p.words, h("input", { type: "range", min: p.low, max: p.high, step: (p.high - p.low) / 200, value: p.value,
       oninput: (event) => slide(p, event.target) }))),
-    h("p", { class: "soft" }, "The dotted green line is the force with one value moved and all else held. The fit stays. ",
+    h("p", { class: "soft" }, "Green: with one value moved and all else held. The fit stays. ",
       h("button", { class: "link", onclick: letGo }, "Back to the fit")));
 }
 
@@ -153,9 +191,10 @@ async function slide(parameter, input) {
   sliding = setTimeout(async () => {
     try {
       tried = await ask(`tried?name=${encodeURIComponent(parameter.name)}&value=${encodeURIComponent(input.value)}`);
-      input.setAttribute("aria-valuetext", `${Number(input.value).toPrecision(4)} ${parameter.unit}, rms ${tried.rms.toFixed(1)} mN`);
-      $("legend").lastChild.textContent = `slider: ${parameter.words} ${Number(input.value).toPrecision(4)} ${parameter.unit === "1" ? "" : parameter.unit}, rms of all presses ${tried.rms.toFixed(1)} mN`;
-      drawChosen();
+      const at = `${Number(input.value).toPrecision(4)} ${parameter.unit === "1" ? "" : parameter.unit}`, size = `${tried.rms.toFixed(1)} ${tried.unit}`;
+      input.setAttribute("aria-valuetext", `${at}, residual of the fitted presses ${size}`);
+      $(tried.depth ? "depth-legend" : "legend").lastChild.textContent = `slider: ${parameter.words} ${at}, residual of the fitted presses ${size}`;
+      if (tried.depth) drawDepths(); else drawChosen();
     } catch (fault) { say(fault.message); }
   }, 60);
 }
@@ -177,19 +216,23 @@ function badge(card) {
   return card.suggested ? h("span", { class: "badge" }, "worth a try") : "";
 }
 
-function showCards([cards, word]) {
-  const far = cards.filter((one) => !one.significant && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not tested");
-  const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.significant && !one.named && !one.candidate) : [];
-  const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one) && !weak.includes(one));
+function showCards([cards, earlier]) {
+  const cannot = cards.filter((one) => one.why && !one.fall && one.evidence === "not tested"), lead = (one) => one.named || one.candidate;
+  const near = cards.filter((one) => lead(one) || (one.fall && one.fall.share >= LITTLE)), little = cards.filter((one) => one.fall && !near.includes(one));
+  const open_ = cards.filter((one) => one.significant && !one.fall && !near.includes(one)), far = cards.filter((one) => ![...cannot, ...near, ...little, ...open_].includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key) && !/^sliders |^tolerances |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^tolerances |^(near|little|open|far|cannot|weeks shut)$/.test(key)) open.delete(key);
+  const folded = (name, words, some) => (some.length ? h("details", { open: open.has(name), ontoggle: (e) => keepOpen(name, e.target.open) }, h("summary", {}, `${words} (${some.length})`), some.map(cardOf)) : "");
+  $("cards").className = earlier ? "stale" : "";
   fill("cards",
+    earlier ? h("p", { class: "soft" }, "As tested before the last change; the new search runs.") : "",
     cards.length ? "" : h("p", { class: "soft" }, "Effects are being tested."),
-    cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "No other effect is significant.") : "",
-    near.slice(0, FIRST).map(cardOf),
-    near.length > FIRST ? h("details", { open: open.has("near"), ontoggle: (e) => keepOpen("near", e.target.open) }, h("summary", {}, `Others that stand out (${near.length - FIRST})`), near.slice(FIRST).map(cardOf)) : "",
-    weak.length ? h("details", { open: open.has("weak"), ontoggle: (e) => keepOpen("weak", e.target.open) }, h("summary", {}, `Stand out, but the diagnosis does not name them (${weak.length})`), weak.map(cardOf)) : "",
-    far.length ? h("details", { open: open.has("far"), ontoggle: (e) => keepOpen("far", e.target.open) }, h("summary", {}, `May be chance (${far.length})`), far.map(cardOf)) : "",
+    cards.length && !near.length ? h("p", {}, open_.length + little.length ? "No effect that was fitted lowers the error." : "No other effect is significant.") : "",
+    near.filter((one, k) => lead(one) || k < FIRST).map(cardOf),
+    folded("near", "Others that lower the error", near.filter((one, k) => !lead(one) && k >= FIRST)),
+    folded("open", "Significant, not fitted", open_),
+    folded("little", "Fitted, and remove next to nothing", little),
+    folded("far", "May be chance", far),
     cannot.length ? h("details", { open: open.has("cannot"), ontoggle: (e) => keepOpen("cannot", e.target.open) }, h("summary", {}, `Not testable with these data (${cannot.length})`),
       cannot.map((one) => h("div", { class: "box" }, h("h3", {}, one.title), h("p", { class: "soft" }, one.why)))) : "");
   for (const node of $("cards").querySelectorAll("[data-overlay]")) drawOverlay(node, cards.find((one) => one.key === node.dataset.overlay).overlay);
@@ -198,18 +241,19 @@ function showCards([cards, word]) {
 function keepOpen(name, is) { if (is) open.add(name); else open.delete(name); }
 
 function cardOf(card) {
+  const fall = card.fall, share = fall ? Math.max(0, Math.min(1, fall.share)) : 0;
   return h("div", { class: card.named ? "box named" : "box", "data-card": card.key },
     h("div", { class: "bar" }, h("h3", {}, card.title), h("button", { class: card.named || card.candidate ? "main" : "", "data-add": card.key,
       onclick: () => { act("add", card.key); toTop(); } }, "Add")),
     card.about ? h("p", {}, card.about) : "",
-    h("p", { class: card.significant ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
-    card.why ? h("p", { class: "bad" }, card.why) : "",
+    fall ? [h("div", { class: "share", role: "img", "aria-label": fall.lead }, h("span", { style: `width: ${100 * share}%` })), h("p", {}, `${fall.lead}.`)] : "",
+    card.kind === "effect" ? "" : h("p", { class: "soft" }, card.kind), badge(card), card.why ? h("p", { class: "bad" }, card.why) : "",
     card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `What ${card.title} would leave` }),
       h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "left now; ", h("span", { class: "dot", style: "background: var(--ink)" }),
-        "what it explains; ", h("span", { class: "dot", style: "background: var(--last)" }), "left with it. ",
-        card.rms ? `Error of the presses fitted ${card.rms[0].toFixed(1)} → ${card.rms[1].toFixed(1)} mN.` : "")]
-      : card.of === "the force" && !card.why ? h("button", { class: "link", onclick: () => act("card", card.key) }, "Show what it would leave") : "",
+        "what it explains; ", h("span", { class: "dot", style: "background: var(--last)" }), "left with it")]
+      : !fall && !card.why ? h("button", { class: "link", onclick: () => act("card", card.key) }, "Show what it would remove") : "",
     h("details", { open: open.has(card.key), ontoggle: (e) => keepOpen(card.key, e.target.open) }, h("summary", {}, "More"),
+      h("p", {}, `On ${card.of}: ${card.evidence}.`),
       card.values.length ? h("p", {}, `Fitted: ${card.values.join(", ")}`) : "",
       card.seen_in.length ? h("p", {}, `Seen against ${card.seen_in.join(", ")}.`) : "",
       card.confused_with.length ? h("p", {}, `Confused with ${card.confused_with.join(", ")}.`) : "",
@@ -261,8 +305,25 @@ function showWeeks(weeks) {
 function choose(name) {
   chosen = name;
   part("presses", [state.presses, chosen], showPresses);
-  drawChosen(); drawResiduals();
+  drawChosen(); drawResiduals(); drawDepths();
   showFrames(state.presses.find((one) => one.name === name));
+}
+
+function drawDepths() {
+  $("depth").hidden = !curves.depth;
+  if (curves.depth) drawDepth(curves.depth, Number($("depth-against").value), chosen, tried && tried.depth, choose);
+}
+
+/** The press that the model of what fails describes worst: of the depth where that fails, else of the force. */
+function worst() {
+  if (curves.depth && state.falls[0].of !== "force") {
+    const { read, certified, press } = curves.depth.sets[0], off = {};
+    read.forEach((value, k) => { (off[press[k]] = off[press[k]] || []).push((value - certified[k]) ** 2); });
+    const mean = (name) => off[name].reduce((a, b) => a + b, 0) / off[name].length;
+    const known = Object.keys(off).filter((name) => curves.presses.some((one) => one.name === name));
+    if (known.length) return known.reduce((a, b) => (mean(b) > mean(a) ? b : a));
+  }
+  return curves.presses.reduce((a, b) => (b.rms[0] > a.rms[0] ? b : a)).name;
 }
 
 function drawChosen() {
@@ -274,7 +335,7 @@ function drawChosen() {
   }
   const press = curves.presses[place];
   const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
-  $("press-title").textContent = `Press ${press.name}: ${punch}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  $("press-title").textContent = `Press ${press.name}: ${punch}, rms residual ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
@@ -296,13 +357,18 @@ function showCurves() {
     fill(id, first, curves.strips.map((one) => h("option", { value: one.name }, one.words)));
     if ([...$(id).options].some((one) => one.value === before)) $(id).value = before;
   };
+  if (curves.depth) {
+    const first = curves.depth.sets[0], at = $("depth-against").value || "0", square = curves.depth.faces ? " (squares: punch faces; dots: slopes next to them)" : "";
+    fill("depth-against", first.against.map((one, k) => h("option", { value: k, selected: String(k) === at }, one.words)));
+    fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: right${square} `, h("span", {}, ""));
+  }
   options("covariate", ""); options("colour", h("option", { value: "" }, "model"));
   if (!curves.presses.some((one) => one.name === chosen)) {
-    chosen = curves.presses.reduce((a, b) => (b.rms[0] > a.rms[0] ? b : a)).name;
+    chosen = worst();
     part("presses", [state.presses, chosen], showPresses);
     showFrames(state.presses.find((one) => one.name === chosen));
   }
-  drawChosen(); drawResiduals();
+  drawChosen(); drawResiduals(); drawDepths(); certify();
 }
 
 function redraw() {
@@ -319,6 +385,7 @@ $("label").addEventListener("click", () => { $("name").value = ""; $("naming").r
 $("leave").addEventListener("click", () => $("naming").close("cancel"));
 $("naming").addEventListener("close", () => { if ($("naming").returnValue === "keep") act("label", $("name").value); });
 $("against").addEventListener("change", drawChosen);
+$("depth-against").addEventListener("change", drawDepths);
 for (const id of ["covariate", "colour"]) $(id).addEventListener("change", drawResiduals);
 DARK.addEventListener("change", redraw);
 document.addEventListener("keydown", (event) => {

@@ -1,0 +1,119 @@
+"""Headline of a page: how far the error falls, and one table of E and nu."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from calibration.report import page, wording
+from calibration.result.result import CalibrationResult
+from tactilevision.records.constants import KILO
+from tactilevision.records.measured import Pair
+from tactilevision.records.misfit import ErrorFall
+
+# The fall of the error, in words.
+
+
+def fall_lead(fall: ErrorFall) -> str:
+    """Return the first and the last error, and what the effects between them remove of what can be removed."""
+    unit, errors = "mN" if fall.unit == "N" else "µm", (fall.error[0], fall.error[-1])
+    numbers = " → ".join(f"{KILO * one:.1f}" for one in errors[: len(fall.models)]) + f" {unit}"
+    names = [name.removeprefix("+ ") for name in fall.models[1:]]
+    if not names:
+        return numbers
+    what, s = " and ".join(names), "" if len(names) > 1 else "s"
+    if errors[1] >= errors[0]:
+        return f"{numbers}: {what} {'does' if s else 'do'} not lower the error"
+    if math.isfinite(fall.removed):
+        return f"{numbers}: {what} remove{s} {100 * fall.removed:.0f} % of the error that can be removed"
+    return f"{numbers}: {what} lower{s} the error"
+
+
+def fall_note(fall: ErrorFall) -> str:
+    """Return which error it is, and how like presses repeat."""
+    unit = "mN" if fall.unit == "N" else "µm"
+    what = "held-out presses" if fall.held_out else "fitted presses"
+    beside = " next to the faces" if fall.faces else ""
+    of = "the force" if fall.unit == "N" else f"the reconstructed depth{beside}"
+    said = f"Error of {of} on {what}"
+    if fall.band is None:
+        said += "; no press is repeated, so it is unknown how much of it can be removed"
+    else:
+        low, high = (KILO * end for end in fall.band)
+        said += f"; repeated presses scatter by {KILO * fall.repeatability:.1f} {unit} ({low:.1f} to {high:.1f})"
+    if not fall.faces:
+        return f"{said}."
+    errors = " → ".join(f"{KILO * one:.1f}" for one in dict.fromkeys((fall.faces[0], fall.faces[-1])))
+    return f"{said}. The error of the faces themselves is {errors} µm, part of it hidden by their walls."
+
+
+def fall_sentence(fall: ErrorFall) -> str:
+    """Return both in one paragraph."""
+    return f"{fall_lead(fall)}. {fall_note(fall)}"
+
+
+# E and nu of each model.
+
+COLUMNS = (
+    *("model", "E (MPa)", "95 % from the data", "95 % with what may be unseen"),
+    *("ν", "95 % from the data", "95 % with what may be unseen"),
+)
+UNSEEN = (
+    "From the data: the scatter of these presses alone. With what may be unseen: also friction, an edge that is "
+    "not stated, and, after a diagnosis, effects too small to be significant."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ModulusRow:
+    """E and nu of one model in words: value, interval from the data, and with what may be unseen, each."""
+
+    name: str
+    modulus: tuple[str, str, str]
+    ratio: tuple[str, str, str]
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Cells of a table with the head COLUMNS."""
+        return self.name, *self.modulus, *self.ratio
+
+
+def modulus_rows(models: Mapping[str, CalibrationResult]) -> list[ModulusRow]:
+    """Return a row a model, by its name, to the digits that the interval from the data allows."""
+    return [
+        ModulusRow(name, _three(one, "youngs_modulus"), _three(one, "poisson_ratio"))
+        for name, one in models.items()
+    ]
+
+
+def _three(result: CalibrationResult, quantity: str) -> tuple[str, str, str]:
+    one, alone = getattr(result, quantity), result.from_data(quantity)
+    fine = one.std or (abs(one.interval95[1] - one.interval95[0]) / 4 if one.interval95 else None)
+    value = "not determined" if one.value is None else wording.number(one.value, one.std)
+    return value, _span(alone, fine), _span(one.interval95, fine)
+
+
+def _span(ends: Pair | None, std: float | None) -> str:
+    return "–" if ends is None else " to ".join(wording.number(end, std) for end in ends)
+
+
+def modulus_line(name: str, result: CalibrationResult) -> str:
+    """Return E of a model in one line, with both intervals or why it is not determined."""
+    value, alone, whole = _three(result, "youngs_modulus")
+    if result.youngs_modulus.value is None:
+        return f"{name}: {wording.estimate(result.youngs_modulus)}"
+    return f"{name}: {value} MPa (95 % from the data: {alone}; with what may be unseen: {whole})"
+
+
+def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
+    """Return the table of E and nu, a row a model, with what its two intervals mean."""
+    rows = [row.cells for row in modulus_rows(models)]
+    open_ = {
+        f"{wording.MATERIAL[name]} is not determined by these data: {one.why}."
+        for result in models.values()
+        for name in ("youngs_modulus", "poisson_ratio")
+        if (one := getattr(result, name)).value is None
+    }
+    whys = "".join(map(page.paragraph, sorted(open_)))
+    return page.table(COLUMNS, rows, numbers=(1, 4)) + whys + page.paragraph(UNSEEN, kind="soft")
