@@ -64,7 +64,7 @@ class Press:
 
     @property
     def certified(self) -> Pair:
-        """Return 1 over the deviation of the certified depth, and that depth in deviations; 0 for an unknown one."""
+        """Return 1 over the deviation of the certified depth, and the depth in deviations; 0 if unknown."""
         depth, std = self.blocks.view.certified_depth_mm, self.blocks.view.certified_depth_std_mm
         return (1 / std, depth / std) if np.isfinite(depth) else (0.0, 0.0)
 
