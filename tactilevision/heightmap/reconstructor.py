@@ -214,6 +214,17 @@ class Reconstructor:
         )
         return Reading(height, surface, found, error)
 
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes]:
+        """Return the height map of a raw frame without deviation and flags, and the rectified picture.
+
+        Raises as height_map does.
+        """
+        rgb = self.rectified(frame)
+        surface = self._surface(rgb)
+        self._check_whole(surface, frame.name)
+        scale = self.sensor.mm_per_px
+        return HeightMap(surface.depth_mm, surface.reading.valid, scale, None, frame.time_s, frame.name), rgb
+
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
         frame = as_frame(frame)

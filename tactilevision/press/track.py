@@ -16,10 +16,9 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.scene_faults import blocks_grey
 from tactilevision.recording.model import BadFrame
 from tactilevision.records.maps import Footprint, Frame, HeightMap
-from tactilevision.records.measured import Bools, Estimate, Floats, Pair
+from tactilevision.records.measured import Bools, Bytes, Estimate, Floats, Pair
 from tactilevision.records.rig import Indenter, Press, Sensor
 from tactilevision.robust import second_difference_std
-from tactilevision.sensors.rectification import rectify
 
 # One press as the camera saw it: every frame's height map once, and of each what later steps ask for.
 #
@@ -42,6 +41,9 @@ class Reconstructs(Protocol):
     def sensor(self) -> Sensor: ...
 
     def height_map(self, frame: Frame) -> HeightMap: ...
+
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes]:
+        """Return a map whose deviation and flags need not be known, and the rectified picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,11 +166,11 @@ def track(
 
 
 def _take(tape: _TrackRecorder, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
-    height = reconstructor.height_map(frame)
+    height, rgb = reconstructor.depth_map(frame)
     coarse = _shrink(np.where(height.valid, height.depth_mm, np.nan), height.mm_per_px)
     tape.names.append(frame.name)
     tape.times.append(frame.time_s)
-    picture = _shrink(rectify(reconstructor.sensor, frame.rgb), height.mm_per_px)
+    picture = _shrink(rgb, height.mm_per_px)
     tape.maps.append((coarse, picture.astype(np.float16)))
     smooth = cv2.blur(np.nan_to_num(coarse), (9, 9))
     top = float(smooth.max())

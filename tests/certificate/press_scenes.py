@@ -82,6 +82,9 @@ class Drawn:
     def __init__(self, sensor: Sensor, made: list[Made], seed: int) -> None:
         self.sensor, self.made, self.seed = sensor, made, seed
 
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes]:
+        return self.height_map(frame), frame.rgb
+
     def height_map(self, frame: Frame) -> HeightMap:
         rng = np.random.default_rng([self.seed, int(1e4 * frame.time_s)])
         press = next((m for m in self.made if m.start_s <= frame.time_s <= m.end_s), None)

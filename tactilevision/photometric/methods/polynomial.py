@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
-from itertools import combinations_with_replacement
+from itertools import accumulate, combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
@@ -218,7 +218,9 @@ def design(change: Floats, place: Floats, terms: npt.NDArray[np.intp]) -> Floats
     """Return the values (N, K) of `terms` (K, 2), dimensionless, of changes (N, 3) at places (N, 2), -1 to 1."""
     colours = np.ascontiguousarray(change.T)
     products = {k: reduce(np.multiply, colours[list(PRODUCTS[k])]) for k in np.unique(terms[:, 0])}
-    of_x, of_y = ([axis**n for n in range(MAX_ORDER + 1)] for axis in place.T)
+    of_x, of_y = (
+        list(accumulate([axis] * MAX_ORDER, np.multiply, initial=np.ones_like(axis))) for axis in place.T
+    )
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
     columns = np.empty((len(terms), len(change)), np.result_type(change, place))
     for column, (k, m) in zip(columns, terms, strict=True):
