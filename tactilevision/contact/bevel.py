@@ -313,6 +313,8 @@ def picture_signal(
     change = np.zeros_like(traces)
     change[:, seen] = traces[:, seen] - course @ coefficients
     template = grown[late] @ change[late] / (grown[late] @ grown[late])
+    if np.abs(template).max() <= ROUNDING * np.abs(traces[:, seen]).max():  # pictures that do not change
+        return None
     scatter = change[before].reshape(int(before.sum()), -1, colours.shape[-1])
     noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + TINY
     weights = template / np.resize(noise, template.size) ** 2
