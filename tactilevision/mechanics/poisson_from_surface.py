@@ -414,7 +414,7 @@ def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
 
     The gel has one nu: a change with depth is an error of the profile or the map at unknown depths.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     reach = float(np.ptp(depth))
     if len(depth) < MIN_CLUSTERS or reach < SAME_DEPTH * depth.max():
@@ -424,7 +424,7 @@ def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
     slope = float(weights @ (away * estimates)) / power
     residuals = estimates - np.average(estimates, weights=weights) - slope * away
     scatter = float(weights @ residuals**2) / (len(depth) - 2)  # 1 for noise alone
-    chance = float(t.ppf(TAILS95[1], len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
+    chance = float(stdtrit(len(depth) - 2, TAILS95[1])) ** 2 * max(scatter, 1.0) / power
     return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
@@ -439,11 +439,11 @@ def _by_depth(depth: Floats, scores: Floats) -> Floats:
 
 def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
     """Return half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     count = len(scores)
     if count < MIN_CLUSTERS:
         return 0.0
     meat = scores.T @ scores * count / (count - 1) + information
     spread = covariance @ meat @ covariance
-    return float(t.ppf(TAILS95[1], count - 1) * np.sqrt(spread[0, 0]))
+    return float(stdtrit(count - 1, TAILS95[1]) * np.sqrt(spread[0, 0]))
