@@ -26,6 +26,7 @@ from tactilevision.robust import mad_std, second_difference_std
 
 _BEND = 0.02  # prior std of the smooth part's change of slope over the range of x
 _GRID = 161  # onsets that are tried, from a twentieth of the range of depth on
+_RIDGE = 1e-6  # of normal equations in units of the noise: negligible, except for constant readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,73 +77,116 @@ def find_onset(
 
     `amplitude` (mean, std) is a prior of A from other presses; `noise` of y is estimated if it is not given.
     """
+    sums = onset_sums(x, y, growth.fill_mm)
+    if noise or sums is None:
+        return onset_of(sums, growth, noise=noise or 0.0, amplitude=amplitude)
+    x, y = sums.x, sums.y
+    keep, scatter = np.ones(x.size, dtype=bool), _scatter(x, y)
+    for _ in range(2):  # again with the noise of the better model, without outliers
+        search = _search(sums, growth, noise=scatter, amplitude=amplitude)
+        best = int(search.chi2.argmin())
+        smooth, rise = _smooth(x) @ search.smooth[best], search.amplitude[best] * growth(x - sums.places[best])
+        residual = y - smooth - rise
+        scatter = _spread(residual[keep], 5)
+        keep = np.abs(residual) < 6 * scatter
+        sums = onset_sums(x[keep], y[keep], growth.fill_mm)
+        if sums is None:
+            return None
+    return onset_of(sums, growth, noise=scatter, amplitude=amplitude)
+
+
+@dataclass(frozen=True, slots=True)
+class OnsetSums:
+    """Sums over readings x, y (N,) for onsets at `places` (G,), whatever the noise and the share of the growth.
+
+    With S (N, 3) the smooth course, D (G, 2, N) the growth's parts, d and the wedge: S'S, S'y, D S, D D', D y.
+    """
+
+    x: Floats
+    y: Floats
+    places: Floats
+    smooth: Floats
+    smooth_y: Floats
+    growth_smooth: Floats
+    growth: Floats
+    growth_y: Floats
+
+
+def onset_sums(x: Floats, y: Floats, fill_mm: float) -> OnsetSums | None:
+    """Return the sums of readings (N,) for growths of length `fill_mm`; None where there are too few readings."""
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
     if x.size < 7 or np.ptp(x) <= 0:
         return None
-    keep = np.ones(x.size, dtype=bool)
-    scatter = noise or _scatter(x, y)
-    search = _search(x, y, scatter, growth=growth, amplitude=amplitude)
-    for _ in range(0 if noise else 2):  # again with the noise of the better model, without outliers
-        best = int(search.chi2.argmin())
-        residual = y - _basis(x, search.places[[best]], growth)[0] @ search.coefficients[best]
-        scatter = _spread(residual[keep], 5)
-        keep = np.abs(residual) < 6 * scatter
-        if keep.sum() < 7:
-            return None
-        search = _search(x[keep], y[keep], scatter, growth=growth, amplitude=amplitude)
-    return _summary(search, scatter, growth)
+    places = np.linspace(x.min() + 0.05 * np.ptp(x), x.max(), _GRID)
+    beyond, smooth = x - places[:, None], _smooth(x)
+    parts = np.stack([Growth(share, fill_mm)(beyond) for share in (1.0, 0.0)], axis=1)
+    return OnsetSums(
+        x, y, places, smooth.T @ smooth, smooth.T @ y, parts @ smooth, parts @ parts.transpose(0, 2, 1), parts @ y
+    )
+
+
+def onset_of(
+    sums: OnsetSums | None, growth: Growth, *, noise: float, amplitude: Pair | None = None
+) -> Onset | None:
+    """Return the onset at a known noise of y, as find_onset; None without sums, or if y only falls."""
+    if sums is None:
+        return None
+    return _summary(_search(sums, growth, noise=noise, amplitude=amplitude), noise, growth)
 
 
 @dataclass(frozen=True, slots=True)
 class _Search:
     places: Floats  # (G,)
     chi2: Floats  # (G,)
-    coefficients: Floats  # (G, 4)
+    smooth: Floats  # (G, 3)
+    amplitude: Floats  # (G,)
     amplitude_std: Floats  # (G,)
     flat: float
 
 
-def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pair | None) -> _Search:
-    """Compute the penalised chi-square over a grid of x0, and without any onset."""
-    span = float(np.ptp(x))
-    places = np.linspace(x.min() + 0.05 * span, x.max(), _GRID)
-    design = _basis(x, places, growth) / noise
-    normal = design.transpose(0, 2, 1) @ design
-    right = design.transpose(0, 2, 1) @ (y / noise)
-    constant = float(((y / noise) ** 2).sum())
-    normal[:, 2, 2] += (span / _BEND) ** 2
-    normal += 1e-6 * np.eye(4)  # negligible, except for constant readings
+def _search(sums: OnsetSums, growth: Growth, *, noise: float, amplitude: Pair | None) -> _Search:
+    """Compute the penalised chi-square over a grid of x0, and without any onset.
+
+    The smooth course's three coefficients are eliminated first, once for all x0.
+    """
+    span, weight, parts = float(np.ptp(sums.x)), 1 / noise**2, np.array([growth.share, 1 - growth.share])
+    bend = np.diag([0.0, 0.0, (span / _BEND) ** 2])
+    inverse = np.linalg.inv(weight * sums.smooth + bend + _RIDGE * np.eye(3))
+    course = inverse @ (weight * sums.smooth_y)
+    cross = weight * (parts @ sums.growth_smooth)
+    carried = cross @ inverse
+    square = weight * (parts @ sums.growth @ parts) + _RIDGE
+    right = weight * (sums.growth_y @ parts)
+    flat = weight * float(sums.y @ sums.y - sums.smooth_y @ course)
+    constant = flat
     if amplitude is not None:
-        normal[:, 3, 3] += 1 / amplitude[1] ** 2
-        right[:, 3] += amplitude[0] / amplitude[1] ** 2
+        square += 1 / amplitude[1] ** 2
+        right += amplitude[0] / amplitude[1] ** 2
         constant += (amplitude[0] / amplitude[1]) ** 2
-    coefficients = np.linalg.solve(normal, right[..., None])[..., 0].astype(np.float64)
-    chi2 = constant - (coefficients * right).sum(axis=1)
-    flat_answer = np.linalg.solve(normal[-1, :3, :3], right[-1, :3])
-    flat = float(((y / noise) ** 2).sum() - flat_answer @ right[-1, :3])
-    chi2 = np.where(coefficients[:, 3] > 0, chi2, np.maximum(chi2, flat))
-    spread = np.sqrt(np.linalg.inv(normal)[:, 3, 3])
-    return _Search(places, chi2, coefficients, spread, flat)
+    square = np.maximum(square - (carried * cross).sum(axis=1), _RIDGE)  # never below, but for rounding
+    found = (right - cross @ course) / square
+    chi2 = constant - square * found**2
+    chi2 = np.where(found > 0, chi2, np.maximum(chi2, flat))
+    return _Search(sums.places, chi2, course - carried * found[:, None], found, 1 / np.sqrt(square), flat)
 
 
-def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
-    """Return the basis functions (places, readings, 4)."""
-    after = growth(x[None, :] - places[:, None])
-    smooth = np.broadcast_to(np.stack([np.ones_like(x), x, x * x], axis=-1), (places.size, x.size, 3))
-    return np.asarray(np.concatenate([smooth, after[..., None]], axis=-1), dtype=np.float64)
+def _smooth(x: Floats) -> Floats:
+    """Return the smooth course's basis functions (N, 3)."""
+    return np.stack([np.ones_like(x), x, x * x], axis=-1)
 
 
 def _summary(search: _Search, noise: float, growth: Growth) -> Onset | None:
     best = int(search.chi2.argmin())
-    amplitude = float(search.coefficients[best, 3])
+    amplitude = float(search.amplitude[best])
     if amplitude <= 0:
         return None
     likelihood = np.exp(-0.5 * (search.chi2 - search.chi2[best]))
-    likelihood[search.coefficients[:, 3] <= 0] = 0
-    at = float(np.average(search.places, weights=likelihood))
+    likelihood[search.amplitude <= 0] = 0
+    likelihood /= likelihood.sum()
+    at = float(likelihood @ search.places)
     step = float(search.places[1] - search.places[0])
-    variance = float(np.average((search.places - at) ** 2, weights=likelihood)) + step**2 / 12
+    variance = float(likelihood @ (search.places - at) ** 2) + step**2 / 12
     return Onset(
         at=at,
         std=float(np.sqrt(variance)),
@@ -269,6 +313,8 @@ def picture_signal(
     change = np.zeros_like(traces)
     change[:, seen] = traces[:, seen] - course @ coefficients
     template = grown[late] @ change[late] / (grown[late] @ grown[late])
+    if np.abs(template).max() <= ROUNDING * np.abs(traces[:, seen]).max():  # pictures that do not change
+        return None
     scatter = change[before].reshape(int(before.sum()), -1, colours.shape[-1])
     noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + TINY
     weights = template / np.resize(noise, template.size) ** 2

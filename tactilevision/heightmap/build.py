@@ -68,14 +68,13 @@ MIN_FREE = 4  # untouched frames; of fewer the noise would be taken for bias
 MAX_FREE = 16  # untouched frames that are read, at most
 
 
-def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
-    """Return the reference of a method, renewed from rectified untouched `frames`.
+def tare(method: CalibratedMethod, free: Sequence[Bytes]) -> Reference:
+    """Return the reference of a method, renewed from `free` frames as `untouched_of` returns them.
 
     Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
-    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was, and so do
-    frames that disagree, as strongly compressed ones may.
+    cut off at black then makes the two differ. Fewer than MIN_FREE frames leave it as it was, and so do frames
+    that disagree, as strongly compressed ones may.
     """
-    free = untouched_of(method, frames)
     if len(free) < MIN_FREE:
         return method.reference
     try:
@@ -85,13 +84,12 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
     return replace(renewed, usable=renewed.usable & method.reference.usable)
 
 
-def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
-    """Return the method without its mean slopes in rectified `frames` of untouched gel.
+def subtract_background(method: CalibratedMethod, free: Sequence[Bytes]) -> CalibratedMethod:
+    """Return the method without its mean slopes in `free` frames as `untouched_of` returns them.
 
     They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
-    Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
+    Fewer than MIN_FREE frames leave it as it was: their noise would be taken for bias.
     """
-    free = untouched_of(method, frames)
     if len(free) < MIN_FREE:
         return method
     whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
@@ -168,25 +166,27 @@ def tuned(
     factor = float(card.other.get("depth_coverage_factor", 1.0))
     place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
     card = replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
-    method = replace(method, card=card)
+    method = method.noted(card=card)
     progress(0, 1, "untouched gel")
-    settled = subtract_background(replace(method, reference=tare(method, free)), free)
+    renewing = untouched_of(method, free)
+    renewed = replace(method, reference=tare(method, renewing))
+    untouched = untouched_of(renewed, free)
+    settled = subtract_background(renewed, untouched)
     if settled.background is method.background:
-        settled = replace(settled, card=untouched_around_balls(sensor, calibration, card, pictures))
+        settled = settled.noted(card=untouched_around_balls(sensor, calibration, card, pictures))
     else:
         reader = Reconstructor(sensor, settled)
-        flat = [one.depth_mm for one in map(reader.sound_map, untouched_of(method, free)) if one]
+        flat = [one.depth_mm for one in map(reader.sound_map, renewing) if one]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
-        settled = replace(settled, card=replace(settled.card, untouched_std_mm=std_mm))
+        settled = settled.noted(card=replace(settled.card, untouched_std_mm=std_mm))
     progress(0, 1, "usual light of the pictures")
-    untouched = untouched_of(settled, free)
     light = measured_light(settled, pictures, balls=calibration.balls, free=untouched, mm_per_px=mm_per_px)
-    settled = replace(settled, light_law=light)
+    settled = settled.noted(light_law=light)
     reader = Reconstructor(sensor, settled)
     every = [*(picture.rgb for picture in pictures), *free]
     usual = reference_match.baseline(lambda rgb: reader.read_rectified(rgb).residuals, every)
     terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
-    settled = replace(settled, card=replace(settled.card, baseline=usual, depth_terms_mm=terms))
+    settled = settled.noted(card=replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
 
 

@@ -6,7 +6,7 @@ untouched gel -> deviation -> flags.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -203,6 +203,9 @@ class Reconstructor:
     def assessed(self, surface: Surface, *, time_s: float = float("nan"), name: str = "") -> Reading:
         """Return the reading of a `surface`, with its deviation and flags. Raises as height_map does."""
         self._check_whole(surface, name)
+        return self._reading(surface, time_s, name)
+
+    def _reading(self, surface: Surface, time_s: float, name: str) -> Reading:
         found, error, frame = self._inconsistency(surface), self.error, surface.reading.frame
         height = HeightMap(
             surface.depth_mm,
@@ -216,6 +219,17 @@ class Reconstructor:
             inconsistent=found.inconsistent if found else None,
         )
         return Reading(height, surface, found, error)
+
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes, Callable[[], HeightMap]]:
+        """Return a raw frame's map without deviation and flags, the rectified picture, and what adds those two.
+
+        Raises as height_map does.
+        """
+        rgb, scale = self.rectified(frame), self.sensor.mm_per_px
+        surface = self._surface(rgb)
+        self._check_whole(surface, frame.name)
+        depth = HeightMap(surface.depth_mm, surface.reading.valid, scale, None, frame.time_s, frame.name)
+        return depth, rgb, lambda: self._reading(surface, frame.time_s, frame.name).height
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from tactilevision.files.cache import kept_array
 from tactilevision.mechanics.kappa import OFFSET
 from tactilevision.mechanics.punch_equation import (
     KERNEL_END,
@@ -157,10 +158,11 @@ def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _table() -> Floats:
-    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes.
+    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes, kept in the cache."""
+    return kept_array("edges", (SIZES, RATIOS), make=_solved_table)
 
-    Takes a quarter of a second, once.
-    """
+
+def _solved_table() -> Floats:
     places = [chebyshev.chebpts1(size) for size in SIZES]
     top, bottom = 0.5 + OFFSET, OFFSET
     nus = 0.5 + OFFSET - top ** (1 - (places[0] + 1) / 2) * bottom ** ((places[0] + 1) / 2)

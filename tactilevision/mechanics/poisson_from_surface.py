@@ -29,7 +29,7 @@ from tactilevision.mechanics.surface_view import (
 )
 from tactilevision.mechanics.tables.punch import TABULATED
 from tactilevision.records.constants import TAILS95, Z95
-from tactilevision.records.measured import Estimate, Floats
+from tactilevision.records.measured import Estimate, Floats, Pair
 
 # One press, its linear unknowns eliminated, in this order: apparent depth u (mm); relative error of the face's
 # step; tilt of the face along x and y; zero plane: offset (mm), slopes along x and y; its bowl: curvatures along
@@ -61,6 +61,17 @@ class Press:
     mean: Floats
     mean_x: Floats
     mean_y: Floats
+
+    @property
+    def certified(self) -> Pair:
+        """Return 1 over the deviation of the certified depth, and the depth in deviations; 0 if unknown."""
+        depth, std = self.blocks.view.certified_depth_mm, self.blocks.view.certified_depth_std_mm
+        return (1 / std, depth / std) if np.isfinite(depth) else (0.0, 0.0)
+
+    def columns(self, depth: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the columns (n, ...) of the depth and of the centre's shifts for profiles (m, ...)."""
+        slope = self.depth_mm * np.gradient(depth, self.blocks.r_mm[1], axis=0)
+        return self.mean @ depth, -(self.mean_x @ slope), -(self.mean_y @ slope)
 
     def true_depth(self, gain: float = 1.0) -> float:
         """Return the depth of the punch: certified where that is known, else the map's own over its gain."""
@@ -214,33 +225,46 @@ class _Fit:
 
         Both are in standard deviations; the last 13 rows are priors and the certified depth.
         """
-        view, depth = press.blocks.view, self.profile(press, theta, rise_factor)
-        slope = press.depth_mm * np.gradient(depth, press.blocks.r_mm[1])
-        columns = np.column_stack(
-            [press.mean @ depth, press.plain, -(press.mean_x @ slope), -(press.mean_y @ slope)]
-        )
-        known = np.isfinite(view.certified_depth_mm)
-        weight = 1 / view.certified_depth_std_mm if known else 0.0
+        first, *last = press.columns(self.profile(press, theta, rise_factor))
+        weight, certified = press.certified
+        columns = np.column_stack([first, press.plain, *last])
         matrix = np.concatenate([columns, np.diag(1 / press.std), weight * np.eye(1, len(press.std))])
-        certified = weight * theta[3] * view.certified_depth_mm if known else 0.0
-        return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [certified]])
+        return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [theta[3] * certified]])
 
     def residuals(self, theta: Floats, rise_factor: float = 1.0) -> list[Floats]:
         """Return each press's residual (n + 13,) after its own unknowns were fitted."""
-        systems = (self.system(press, theta, rise_factor) for press in self.presses)
-        return [goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0] for matrix, goal in systems]
+        found = []
+        for press in self.presses:
+            matrix, goal = self.system(press, theta, rise_factor)
+            q, _ = np.linalg.qr(matrix)
+            found.append(goal - q @ (q.T @ goal))
+        return found
 
     def slopes(self, theta: Floats) -> list[Floats]:
         """Return the derivative of each press's residual by the joint unknowns, (n + 13, k).
 
-        Inwards at a bound.
+        Inwards at a bound, 0 by a known one.
         """
-        base, columns = self.residuals(theta), []
-        steps = np.where(theta + STEP <= self.bounds[1], STEP, -STEP)
-        for step, unit in zip(steps, np.eye(len(theta)), strict=True):
-            moved = self.residuals(theta + step * unit)
-            columns.append([(b - a) / step for a, b in zip(base, moved, strict=True)])
-        return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+        return [self._slopes(press, theta) for press in self.presses]
+
+    def _slopes(self, press: Press, theta: Floats) -> Floats:
+        """Return the derivative (n + 13, k) of a press's residual r, of its equations A x = g with A = Q R.
+
+        r' = (1 - Q Q')(g' - A' x) - Q R^-T (A'^T r)        Golub, Pereyra (1973)
+        """
+        steps = np.where(theta + STEP <= self.bounds[1], STEP, -STEP) * (self.prior_std > PINNED)
+        depth = self.profile(press, theta, 1.0)
+        moved = [self.profile(press, theta + step, 1.0) if step.any() else depth for step in np.diag(steps)]
+        changes = np.stack(press.columns(((moved - depth) / np.where(steps, steps, 1.0)[:, None]).T))
+        matrix, goal = self.system(press, theta)
+        q, r = np.linalg.qr(matrix)
+        own = np.linalg.solve(r, q.T @ goal)
+        off, varying, count = goal - matrix @ own, [0, -2, -1], len(press.goal)
+        change, pull = np.zeros((len(goal), len(theta))), np.zeros((len(own), len(theta)))
+        change[:count] = -np.tensordot(own[varying], changes, axes=1)
+        change[-1, 3] = press.certified[1]
+        pull[varying] = off[:count] @ changes
+        return np.asarray(change - q @ (q.T @ change + np.linalg.solve(r.T, pull)))
 
     def solved(self, theta: Floats) -> Floats:
         """Return the joint unknowns of the least squares, from a start at theta."""
@@ -390,7 +414,7 @@ def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
 
     The gel has one nu: a change with depth is an error of the profile or the map at unknown depths.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     reach = float(np.ptp(depth))
     if len(depth) < MIN_CLUSTERS or reach < SAME_DEPTH * depth.max():
@@ -400,7 +424,7 @@ def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
     slope = float(weights @ (away * estimates)) / power
     residuals = estimates - np.average(estimates, weights=weights) - slope * away
     scatter = float(weights @ residuals**2) / (len(depth) - 2)  # 1 for noise alone
-    chance = float(t.ppf(TAILS95[1], len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
+    chance = float(stdtrit(len(depth) - 2, TAILS95[1])) ** 2 * max(scatter, 1.0) / power
     return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
@@ -415,11 +439,11 @@ def _by_depth(depth: Floats, scores: Floats) -> Floats:
 
 def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
     """Return half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     count = len(scores)
     if count < MIN_CLUSTERS:
         return 0.0
     meat = scores.T @ scores * count / (count - 1) + information
     spread = covariance @ meat @ covariance
-    return float(t.ppf(TAILS95[1], count - 1) * np.sqrt(spread[0, 0]))
+    return float(stdtrit(count - 1, TAILS95[1]) * np.sqrt(spread[0, 0]))

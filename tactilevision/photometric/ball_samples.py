@@ -119,9 +119,10 @@ def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats
 
 def from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
     """Return x, y and the distance (H, W) mm of a picture's pixels from the ball's axis."""
-    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
-    return x, y, np.hypot(x, y)
+    x = (np.arange(shape[1]) - ball.centre_px[0]) * mm_per_px[0]
+    y = (np.arange(shape[0]) - ball.centre_px[1])[:, None] * mm_per_px[1]
+    distance = np.sqrt(x * x + y * y)
+    return np.broadcast_to(x, distance.shape), np.broadcast_to(y, distance.shape), distance
 
 
 def places_of(columns: npt.NDArray[Any], rows: npt.NDArray[Any], shape: tuple[int, ...]) -> Floats:

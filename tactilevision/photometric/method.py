@@ -11,8 +11,10 @@ which are filled in the whole picture.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -223,6 +225,16 @@ class CalibratedMethod:
         self.change.follow(rgb_rectified, share)
         if self.tiled_evaluator:
             self.tiled_evaluator.follow(rgb_rectified, share)
+
+    def noted(self, **changes: Any) -> CalibratedMethod:
+        """Return a copy with another `card` (of the same response), `light_law` or `walls`.
+
+        Nothing is computed again; both share what `follow` moves.
+        """
+        noted = copy(self)
+        noted.__dict__.pop("tiled_evaluator", None)
+        noted.__dict__.update(changes)
+        return noted
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """Return the method with another reference; by two colours if the third is dark only there."""

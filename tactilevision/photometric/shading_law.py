@@ -74,17 +74,20 @@ def answers_at(law: Floats, place: Floats) -> Floats:
 
 def colours_by(answers: Floats, slopes: Floats) -> Floats:
     """Return the changes of colour (N, 3) of `slopes` (N, 2) by `answers` (N, 14, 3), faster than `colours_of`."""
-    p, q = slopes.T
-    of_p, of_q = ([np.ones_like(one), one, one * one, one**3, one**4] for one in (p, q))
-    products = np.stack([of_p[i] * of_q[j] for i, j in SLOPE_POWERS], axis=1)
-    light = 1.0 + np.einsum("nt,ntc->nc", products, answers)
-    return np.asarray(light / np.sqrt(1.0 + p * p + q * q)[:, None] - 1.0)
+    powers, (i, j) = _powers(slopes.T), np.array(SLOPE_POWERS).T
+    light = 1.0 + np.matmul((powers[i, 0] * powers[j, 1]).T[:, None], answers)[:, 0]
+    return np.asarray(light / np.sqrt(1.0 + powers[2].sum(axis=0))[:, None] - 1.0)
 
 
 def _design(slopes: Floats, place: Floats, terms: npt.NDArray[np.int64]) -> Floats:
-    values = np.concatenate([slopes, place], axis=1)
-    powers = values[:, :, None] ** np.arange(5)
-    return np.asarray(np.prod(powers[:, np.arange(4), terms], axis=2))
+    powers, (i, j, k, n) = _powers(np.concatenate([slopes, place], axis=1).T), terms.T
+    return np.asarray((powers[i, 0] * powers[j, 1] * (powers[k, 2] * powers[n, 3])).T)
+
+
+def _powers(values: Floats) -> Floats:
+    """Return powers 0 to 4 (5, ...) of `values` (...): products are many times faster than powers."""
+    square = values * values
+    return np.stack([np.ones_like(values), values, square, square * values, square * square])
 
 
 # Power of the grey level that is proportional to light: light is linear in the slopes, which are known for balls.

@@ -7,7 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.contact.bevel import EDGE_MM, Growth, Onset, find_onset, height_signal, picture_signal
+from tactilevision.contact.bevel import (
+    EDGE_MM,
+    Growth,
+    Onset,
+    find_onset,
+    height_signal,
+    onset_of,
+    onset_sums,
+    picture_signal,
+)
 from tactilevision.press.event_force import force_crossing
 from tactilevision.press.force_readings import ForceWindow, contact_point, find_phases, moving_s, noise_of
 from tactilevision.press.track import PressTrack
@@ -140,13 +149,15 @@ def _joint_onsets(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[
         return first
     noise = float(np.median([onset.noise for onset in sure]))
     trials, misfit = [], []
-    for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
-        free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
-        seen = [o for o in free if o is not None and o.gain > DETECTION_CHI2]
-        alike = _shared_amplitude(seen)
-        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise) for x, y in traces]
-        trials.append(trial)
-        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
+    for length in (part * fill for part in _FILLS):
+        sums = [onset_sums(x, y, length) for x, y in traces]
+        for growth in (Growth(share, length) for share in _SHARES):
+            free = [onset_of(one, growth, noise=noise) for one in sums]
+            seen = [o for o in free if o is not None and o.gain > DETECTION_CHI2]
+            alike = _shared_amplitude(seen)
+            trial = [onset_of(one, growth, noise=noise, amplitude=alike) for one in sums]
+            trials.append(trial)
+            misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
     count = sum(len(x) for x, _ in traces)
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)

@@ -158,11 +158,15 @@ def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
 
 
 def memory(time_s: Floats, force: Floats, *, fade_s: float) -> Floats:
-    """Return the integral (T,) of exp(-(t - s)/T) dP(s) at even times (T,) s, in the unit of `force` (T,)."""
-    from scipy.signal import lfilter
+    """Return the integral (T,) of exp(-(t - s)/T) dP(s) at even times (T,) s, in the unit of `force` (T,).
+
+    The recursion y_k = keep y_(k-1) + dP_k as a banded system: scipy.signal takes a second to import.
+    """
+    from scipy.linalg import solve_banded
 
     keep = float(np.exp(-np.median(np.diff(time_s)) / fade_s))
-    return np.asarray(lfilter([1.0, -1.0], [1.0, -keep], force - force[0]), dtype=np.float64)
+    bands = np.stack([np.ones(force.size), np.full(force.size, -keep)])
+    return np.asarray(solve_banded((1, 0), bands, np.diff(force, prepend=force[0])), dtype=np.float64)
 
 
 def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -16,10 +16,9 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.scene_faults import blocks_grey
 from tactilevision.recording.model import BadFrame
 from tactilevision.records.maps import Footprint, Frame, HeightMap
-from tactilevision.records.measured import Bools, Estimate, Floats, Pair
+from tactilevision.records.measured import Bools, Bytes, Estimate, Floats, Pair
 from tactilevision.records.rig import Indenter, Press, Sensor
 from tactilevision.robust import second_difference_std
-from tactilevision.sensors.rectification import rectify
 
 # One press as the camera saw it: every frame's height map once, and of each what later steps ask for.
 #
@@ -42,6 +41,9 @@ class Reconstructs(Protocol):
     def sensor(self) -> Sensor: ...
 
     def height_map(self, frame: Frame) -> HeightMap: ...
+
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes, Callable[[], HeightMap]]:
+        """Return a map without deviation and flags, the rectified picture, and what adds those two."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +130,7 @@ class _TrackRecorder:
     top: float = -np.inf
     deepest: int = -1
     deepest_mm: Pair = (0.0, 0.0)
-    face_map: HeightMap | None = None
+    face: Callable[[], HeightMap] | None = None
     wall_off: float = np.inf
     wall_map: HeightMap | None = None
 
@@ -158,17 +160,17 @@ def track(
         if near is not None:
             place = place or _place(height, near.centre_mm, near.radius_mm, indenter)
             tape.readings.append(place.read(*tape.maps.pop()))
-    if tape.face_map is None or len(tape.times) < 2:
+    if tape.face is None or len(tape.times) < 2:
         return None
-    return _measure(tape, tape.face_map, press=press, indenter=indenter, near=near)
+    return _measure(tape, tape.face(), press=press, indenter=indenter, near=near)
 
 
 def _take(tape: _TrackRecorder, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
-    height = reconstructor.height_map(frame)
+    height, rgb, complete = reconstructor.depth_map(frame)
     coarse = _shrink(np.where(height.valid, height.depth_mm, np.nan), height.mm_per_px)
     tape.names.append(frame.name)
     tape.times.append(frame.time_s)
-    picture = _shrink(rectify(reconstructor.sensor, frame.rgb), height.mm_per_px)
+    picture = _shrink(rgb, height.mm_per_px)
     tape.maps.append((coarse, picture.astype(np.float16)))
     smooth = cv2.blur(np.nan_to_num(coarse), (9, 9))
     top = float(smooth.max())
@@ -177,7 +179,7 @@ def _take(tape: _TrackRecorder, frame: Frame, reconstructor: Reconstructs) -> He
         middle = ((smooth.shape[1] - 1) / 2, (smooth.shape[0] - 1) / 2)
         scale = _scale(height)
         tape.deepest_mm = (float(column) - middle[0]) / scale[0], (float(row) - middle[1]) / scale[1]
-        tape.top, tape.deepest, tape.face_map = top, len(tape.times) - 1, height
+        tape.top, tape.deepest, tape.face = top, len(tape.times) - 1, complete
     if top > 0.5 * _WALL_MM and abs(top - _WALL_MM) < tape.wall_off:
         tape.wall_off, tape.wall_map = abs(top - _WALL_MM), height
     return height
@@ -227,7 +229,7 @@ def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Inden
 def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
     """Return the deepest face, its circle from shallow frames: steep walls enlarge the deep one."""
     deep = find_footprint(face_map, indenter)
-    if deep is None or tape.wall_map is None or tape.wall_map is face_map:
+    if deep is None or tape.wall_map is None or tape.wall_map.depth_mm is face_map.depth_mm:
         return deep
     shallow = find_footprint(tape.wall_map, indenter)
     if shallow is None or abs(shallow.radius_mm - deep.radius_mm) > _MAX_RADIUS_CHANGE * deep.radius_mm:

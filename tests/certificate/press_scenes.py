@@ -6,6 +6,7 @@ map is coarse (0.15 mm a pixel), for speed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 
 from tactilevision.recording.model import Recording
 from tactilevision.records.maps import Frame, HeightMap
-from tactilevision.records.measured import Floats, ForceSeries
+from tactilevision.records.measured import Bytes, Floats, ForceSeries
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 SIZE, MM_PER_PX = (170, 130), 0.15
@@ -81,6 +82,10 @@ class Drawn:
 
     def __init__(self, sensor: Sensor, made: list[Made], seed: int) -> None:
         self.sensor, self.made, self.seed = sensor, made, seed
+
+    def depth_map(self, frame: Frame) -> tuple[HeightMap, Bytes, Callable[[], HeightMap]]:
+        height = self.height_map(frame)
+        return height, frame.rgb, lambda: height
 
     def height_map(self, frame: Frame) -> HeightMap:
         rng = np.random.default_rng([self.seed, int(1e4 * frame.time_s)])

@@ -16,7 +16,13 @@ from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
-from tactilevision.heightmap.build import build_reconstructor, subtract_background, tare, untouched_around_balls
+from tactilevision.heightmap.build import (
+    build_reconstructor,
+    subtract_background,
+    tare,
+    untouched_around_balls,
+    untouched_of,
+)
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
@@ -226,8 +232,8 @@ def test_a_reference_is_renewed_by_free_frames_only() -> None:
     rng = np.random.default_rng(9)
     method = calibrated().method
     touched = picture(*ball((0.0, 0.0), 1.5, 4.0)[1:], rng)
-    assert tare(method, [flat(rng), touched, touched, flat(rng)]) is method.reference
-    renewed = tare(method, [flat(rng) for _ in range(5)] + [touched])
+    assert tare(method, untouched_of(method, [flat(rng), touched, touched, flat(rng)])) is method.reference
+    renewed = tare(method, untouched_of(method, [flat(rng) for _ in range(5)] + [touched]))
     assert renewed is not method.reference
     assert np.abs(renewed.rgb - method.reference.rgb).mean() < 1.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -64,15 +65,24 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mix
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
     thicknesses on the excess fades like the profile.
     """
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import PPoly
 
     axes = mixture[0][1].blocks[0].axes
     place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
-    excess, _ = tables.mixed(mixture, "surface", place)
+    excess = tables.blended(mixture, "surface", place)
     beyond = (r_over_a - 1) * case.a_over_h
-    line = CubicSpline(np.sqrt(BESIDE), excess[0], axis=1)(np.sqrt(np.clip(beyond, 0, REACH)))
+    spline = PPoly.construct_fast(_splines() @ excess[0].T, np.sqrt(BESIDE))
+    line = np.moveaxis(spline(np.sqrt(np.clip(beyond, 0, REACH))), -1, 0)
     fading = np.exp(-np.maximum(beyond - REACH, 0))
     return np.asarray(np.stack(linear_profile(r_over_a, case)) + fading * line)
+
+
+@lru_cache(maxsize=1)
+def _splines() -> Floats:
+    """Return the polynomials (4, places - 1, places) of splines that are 1 at one place, else 0."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(np.sqrt(BESIDE), np.eye(len(BESIDE))).c)
 
 
 def _demand(known: Bools, depth: Floats, contact: FlatContact, material: Material) -> None:

@@ -124,11 +124,16 @@ def mixed(mixture: Mixture, what: Quantity, places: Floats) -> tuple[Floats, Boo
 
     "stiffness" is S; "surface" rise and u_r over w (2, places outside the punch) beyond linear theory's.
     """
-    values = sum(
-        weight * near.blend([_spline(block, what)(places) for block in near.blocks]) for weight, near in mixture
-    )
     known = np.all([_spline(block, what).inside(places) for _, near in mixture for block in near.about], axis=0)
-    return np.asarray(values), np.asarray(known)
+    return blended(mixture, what, places), np.asarray(known)
+
+
+def blended(mixture: Mixture, what: Quantity, places: Floats) -> Floats:
+    """Return a quantity (N, ...) as `mixed`, continued where it is not known."""
+    values = [
+        weight * near.blend([_spline(block, what)(places) for block in near.blocks]) for weight, near in mixture
+    ]
+    return np.asarray(np.sum(values, axis=0))
 
 
 def reach(mixture: Mixture, poisson_ratio: float, *, a_over_h: float) -> float:

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
-from itertools import combinations_with_replacement
+from itertools import accumulate, combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
@@ -144,18 +144,17 @@ def fit_fourth_order(contact: Samples, untouched_samples: Samples, *, ridge: flo
 def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
     """Return weighted means over samples: of design products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
-    weights /= weights.sum()
+    root = np.sqrt(weights / weights.sum())[:, None]
     terms = TERMS[order >= ORDERS]
-    values = design(samples.change, samples.place, terms)
-    weighted = values * weights[:, None]
+    weighted = design(samples.change, samples.place, terms) * root
     noise = np.zeros((len(terms), len(terms)))
     if samples.noise is not None:
         rng = np.random.default_rng(0)  # fixed: a calibration does not change between runs
         error = samples.noise * rng.standard_normal(samples.noise.shape)
         above, below = (design(samples.change + e, samples.place, terms) for e in (error, -error))
-        scatter = 0.5 * (above - below)
-        noise = (scatter * weights[:, None]).T @ scatter
-    return weighted.T @ values, noise, weighted.T @ samples.slopes
+        scatter = (above - below) * (0.5 * root)
+        noise = scatter.T @ scatter
+    return weighted.T @ weighted, noise, weighted.T @ (samples.slopes * root)
 
 
 def _less_noise(power: Floats, noise: Floats) -> Floats:
@@ -210,15 +209,18 @@ class PolynomialEvaluator(Evaluator):
     def noise(self, noise: Picture) -> Picture:
         """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
         x = self.x[None, :] ** np.arange(MAX_ORDER + 1)[:, None]
-        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MAX_ORDER + 1, 2, self.products)[..., :3], x)
-        return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
+        linear = self.per_row.reshape(-1, MAX_ORDER + 1, 2, self.products)[..., :3].transpose(2, 0, 3, 1) @ x
+        square = np.square(linear).sum(axis=0) * np.square(noise).transpose(1, 0, 2)  # (H, 3, W)
+        return np.asarray(np.sqrt(square.sum(axis=1) / 2.0), dtype=np.float32)
 
 
 def design(change: Floats, place: Floats, terms: npt.NDArray[np.intp]) -> Floats:
     """Return the values (N, K) of `terms` (K, 2), dimensionless, of changes (N, 3) at places (N, 2), -1 to 1."""
     colours = np.ascontiguousarray(change.T)
     products = {k: reduce(np.multiply, colours[list(PRODUCTS[k])]) for k in np.unique(terms[:, 0])}
-    of_x, of_y = ([axis**n for n in range(MAX_ORDER + 1)] for axis in place.T)
+    of_x, of_y = (
+        list(accumulate([axis] * MAX_ORDER, np.multiply, initial=np.ones_like(axis))) for axis in place.T
+    )
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
     columns = np.empty((len(terms), len(change)), np.result_type(change, place))
     for column, (k, m) in zip(columns, terms, strict=True):
