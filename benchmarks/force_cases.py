@@ -74,7 +74,7 @@ def seen(
     u: Floats, view: View, *, std_mm: float, rng: np.random.Generator, correlation_mm: float = 0.0
 ) -> tuple[HeightMap, ShearMap]:
     """What is measured of a displacement: depth at the camera's places, shear at the material's, both with
-    noise whose autocorrelation falls to 1/e at `correlation_mm` (0: white).
+    noise of a deviation and correlation length (0: white).
     """
     scale = (view.mm_per_px, view.mm_per_px)
     off = noise(view, std_mm=std_mm, rng=rng, correlation_mm=correlation_mm)
@@ -86,10 +86,12 @@ def seen(
 
 
 def noise(view: View, *, std_mm: float, rng: np.random.Generator, correlation_mm: float = 0.0) -> Floats:
-    """Gaussian noise (3, H, W) of a deviation; white noise under a Gaussian of s has autocorrelation 1/e at 2 s."""
-    s = correlation_mm / view.mm_per_px / 2
+    """Gaussian noise (3, H, W); white noise under a Gaussian of s has the correlation length 2 s sqrt(pi)."""
     off = np.stack([std_mm * rng.standard_normal(view.shape) for _ in range(3)])[[1, 2, 0]]
-    return off if s == 0 else np.stack([gaussian_filter(one, s, mode="wrap") for one in off]) * 2 * s * np.sqrt(np.pi)
+    if correlation_mm == 0:
+        return off
+    length = correlation_mm / view.mm_per_px
+    return length * np.stack([gaussian_filter(one, length / np.sqrt(4 * np.pi), mode="wrap") for one in off])
 
 
 def at_camera(u: Floats, view: View) -> Floats:

@@ -19,7 +19,7 @@ VIEW = View((120, 160), 0.171, 2)
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
 EVERY = (*KINDS, SLIPPING)
 LINEAR = ForceSettings(large_depth=False, cell_std=False)  # the planted gel is linear
-NOISE = [(std_um, alike_mm) for std_um in (5, 20) for alike_mm in (0.0, 1.0)]  # um; mm, 0: white
+NOISE = [(std_um, alike_mm) for std_um in (5, 20) for alike_mm in (0.0, 1.5)]  # um; correlation length in mm, 0: white
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
@@ -34,7 +34,7 @@ def planted(seed: int, number: int, forward: Forward) -> tuple[Floats, Floats]:
 
 def read(field: ForceField, u: Floats, true: Floats, *, std_um: float, alike_mm: float, seed: int) -> Floats:
     """Error (6,) and standard deviation (6,) of the wrench; NaN where no contact is seen."""
-    rng = np.random.default_rng([seed, round(10 * alike_mm), std_um])
+    rng = np.random.default_rng([seed, round(10 * alike_mm), round(1e3 * std_um)])
     found = field(*seen(u, VIEW, std_mm=1e-3 * std_um, rng=rng, correlation_mm=alike_mm))
     if NO_CONTACT in found.flags:
         return np.full(12, np.nan)
@@ -66,10 +66,15 @@ def report(rows: Floats, truths: Floats) -> None:
         score, bias = np.abs(part[:, :6] / part[:, 6:])[known], 100 * part[:, 2] / truths[:, 2]
         kind = "white" if alike_mm == 0 else f"alike over {alike_mm:g} mm"
         by_kind = [f"{np.nanmean(bias[kinds == k]):+.1f}" for k in range(len(EVERY))]
-        print(f"{std_um} um, {kind}: {known.sum()} of {len(part)} seen; fz {np.nanmean(bias):+.2f} % (mean), ", end="")
+        print(
+            f"{std_um} um, {kind}: {known.sum()} of {len(part)} seen; fz {np.nanmean(bias):+.2f} % (mean), ",
+            end="",
+        )
         print(f"{np.nanmedian(bias):+.2f} % (median), by kind {' '.join(by_kind)}")
         for least in (1, 2):
-            inside = [f"{name} {100 * share:.0f}" for name, share in zip(NAMES, (score < least).mean(0), strict=True)]
+            inside = [
+                f"{name} {100 * share:.0f}" for name, share in zip(NAMES, (score < least).mean(0), strict=True)
+            ]
             print(f"    within {least} std, %: {', '.join(inside)}", flush=True)
 
 

@@ -28,7 +28,8 @@ def surface_compliance(k_x: Floats, k_y: Floats, *, modulus: float, nu: float, t
     k = np.hypot(k_x, k_y)
     along, normal, coupling, across = _by_wave(np.maximum(k * thickness, 1e-3), nu)
     scale = thickness / (modulus / (2 * (1 + nu)))
-    cos, sin = (np.divide(one, k, out=np.zeros_like(k), where=k > 0) for one in np.broadcast_arrays(k_x, k_y))
+    turn = np.arctan2(*np.broadcast_arrays(k_y, k_x))
+    cos, sin = np.cos(turn), np.sin(turn)
     found = np.empty((*k.shape, 3, 3), dtype=complex)
     found[..., 0, 0] = along * cos**2 + across * sin**2
     found[..., 1, 1] = along * sin**2 + across * cos**2

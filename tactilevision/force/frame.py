@@ -18,7 +18,7 @@ from tactilevision.files.writing import remove, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import CUT, NO_CONTACT, ForceField, Triple, triple
+from tactilevision.force.field import CUT, NO_CONTACT, ForceField
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
@@ -27,6 +27,7 @@ from tactilevision.recording.write import table_cell
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
 from tactilevision.records.measured import Bools, Floats, Material
 from tactilevision.records.rig import Gel, Press
+from tactilevision.records.wrench import Triple, triple
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
 # Tractions of many frames on disk, written by many processes a frame at a time as Zarr, then moved to their place.

@@ -15,8 +15,9 @@ from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records.maps import Footprint, HeightMap, TractionMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Material, Wrench
+from tactilevision.records.measured import Bools, Bytes, Floats, Material
 from tactilevision.records.rig import Indenter, Sensor
+from tactilevision.records.wrench import Wrench
 
 if TYPE_CHECKING:
     from tactilevision.press.certified_faces import DepthScale

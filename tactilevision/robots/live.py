@@ -26,8 +26,9 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
-from tactilevision.records.measured import Bytes, Floats, Wrench
+from tactilevision.records.measured import Bytes, Floats
 from tactilevision.records.rig import Indenter
+from tactilevision.records.wrench import Wrench
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
 

@@ -17,7 +17,7 @@ from tactilevision.records.maps import HeightMap, Positions, ShearMap
 from tactilevision.records.measured import Material
 from tactilevision.records.rig import Gel
 
-LINEAR = ForceSettings(depth_correlation_px=1, large_depth=False)
+LINEAR = ForceSettings(large_depth=False)
 FORCE = (0.12, -0.08, 0.6)
 
 
