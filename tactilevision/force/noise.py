@@ -21,9 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from scipy import fft
-from scipy.ndimage import distance_transform_edt
 from scipy.special import erf
 
 from tactilevision.force.nodes import Cells, NodeGrid
@@ -55,7 +55,8 @@ class CellNoise:
     def propagate(self, gain: Floats, cells: Cells) -> Floats:
         """Return the covariance (K, K) of `gain` (K, C) @ displacement of `cells`, in the gain's unit times mm."""
         own, slow = gain * self.white.flat[cells], gain * self.slow.flat[cells]
-        found = own @ own.T
+        whole = gain @ self.shared.flat[cells]
+        found = own @ own.T + np.outer(whole, whole)
         if slow.any():
             row, column = np.divmod(cells, self.grid.shape[1])
             row, column = row - row.min(), column - column.min()
@@ -64,8 +65,7 @@ class CellNoise:
             alike = likeness(self.length_mm / self.grid.spacing_mm, max(box.shape[1:]))
             down, across = (alike[np.abs(np.subtract.outer(k, k))] for k in map(np.arange, box.shape[1:]))
             found += box.reshape(len(gain), -1) @ (down @ box @ across).reshape(len(gain), -1).T
-        whole = gain @ self.shared.flat[cells]
-        return np.asarray(found + np.outer(whole, whole))
+        return np.asarray(found)
 
 
 def stated_noise(std_mm: float, length_mm: float, grid: NodeGrid) -> CellNoise:
@@ -163,7 +163,8 @@ def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
     deep = known & (pull > max(float(pull[known].max()) / 2, SURE * rise))
     if not deep.any():
         return np.full(grid.shape, np.inf)
-    return np.asarray(distance_transform_edt(~deep) * grid.spacing_mm)
+    beside = (~deep).astype(np.uint8)
+    return grid.spacing_mm * cv2.distanceTransform(beside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
 
 
 def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:
@@ -172,7 +173,7 @@ def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:
     The slow part is fitted to the autocovariance by distance, weighted by the number of pairs.
     """
     shape = [fft.next_fast_len(n + REACH, real=True) for n in far.shape]
-    spectra = fft.rfft2(np.stack([np.where(far, pull, 0.0), far.astype(float)]), shape)
+    spectra = fft.rfft2(np.stack([np.where(far, pull, 0.0), far]).astype(np.float32), shape)
     product, pairs = fft.irfft2(np.abs(spectra) ** 2, shape)
     down, across = _offsets()
     covariance = product[down, across] / np.maximum(pairs[down, across], 1.0)

@@ -114,7 +114,7 @@ def patch_of(number: int, wrench: Wrench, *, area_mm2: float, depth_mm: float) -
     assert wrench.covariance is not None
     slopes = np.array([[-x, 0.0, -1.0], [-y, 1.0, 0.0]]) / fz  # of (x, y) by (fz, mx, my)
     spread = np.sqrt(np.diag(slopes @ wrench.covariance[2:5, 2:5] @ slopes.T))
-    there = wrench.at((x, y, 0.0))
+    along, lever = [0, 1, 5], np.array([y, -x, 1.0])  # torsion by (fx, fy, mz)
     return Patch(
         number,
         wrench,
@@ -122,8 +122,8 @@ def patch_of(number: int, wrench: Wrench, *, area_mm2: float, depth_mm: float) -
         (float(spread[0]), float(spread[1])),
         area_mm2,
         depth_mm,
-        there.moment_Nmm[2],
-        there.moment_std_Nmm[2],
+        float(lever @ wrench.values[along]),
+        float(np.sqrt(lever @ wrench.covariance[np.ix_(along, along)] @ lever)),
     )
 
 
