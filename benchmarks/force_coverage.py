@@ -19,7 +19,9 @@ VIEW = View((120, 160), 0.171, 2)
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
 EVERY = (*KINDS, SLIPPING)
 LINEAR = ForceSettings(large_depth=False, cell_std=False)  # the planted gel is linear
-NOISE = [(std_um, alike_mm) for std_um in (5, 20) for alike_mm in (0.0, 1.5)]  # um; correlation length in mm, 0: white
+NOISE = [
+    (std_um, alike_mm) for std_um in (5, 20) for alike_mm in (0.0, 1.5)
+]  # um; correlation length in mm, 0: white
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 

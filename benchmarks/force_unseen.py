@@ -114,8 +114,13 @@ def report(rows: Floats) -> None:
         known = most > 0
         ratio = limit[known] / most[known]
         kind = "white" if alike_mm == 0 else f"alike over {alike_mm:g} mm"
-        print(f"{std_um} um, {kind}: deepest unseen {np.median(most):.4f} N (median), {most.max():.4f} at most; ", end="")
-        print(f"limit holds in {100 * np.mean(limit >= most):.1f} %, {np.median(ratio):.2f} times the force (median)")
+        print(
+            f"{std_um} um, {kind}: deepest unseen {np.median(most):.4f} N (median), {most.max():.4f} at most; ",
+            end="",
+        )
+        print(
+            f"limit holds in {100 * np.mean(limit >= most):.1f} %, {np.median(ratio):.2f} times the force (median)"
+        )
         print(f"    any depth below: holds in {100 * np.mean(other >= less):.1f} %", flush=True)
 
 

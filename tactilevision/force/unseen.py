@@ -1,19 +1,19 @@
 """Upper limit of the normal force that a map without contact may hide.
 
 A hidden contact is a flat punch or a ball, its contact radius a from one cell to one thickness, pressed in by w. It
-sinks the cells by w T_a and has the force w P_a, both of the frictionless layer. At every place the depths u with
-deviation s fit
+sinks the cells by w T and has the force w P, both of the frictionless layer. At every place the depths u of
+deviation s are compared with T by a filter F, T over the power of the noise,
 
-    w = sum(T u / s^2) / sum(T^2 / s^2),    std(w)^2 = sum over cells of cov(f, f),    f = T / s^2 / sum(T^2 / s^2)
+    w = sum(F u/s^2) / sum(F T/s^2),
 
-so with 95 % probability no contact has more than P_a (w + 1.645 std(w)); the greatest of these over shapes, radii and
-places is the limit, at least that of w = 0.
+so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these over
+shapes, radii and places is the limit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from tactilevision.records.measured import Floats
 
 Waves = npt.NDArray[np.complexfloating]
 RADII = 4  # contact radii from one cell to one thickness, in equal steps of their logarithm
+FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
 FAINT = 0.05  # of the deepest: cells of a template beyond are left out
@@ -41,14 +42,6 @@ class Template:
 
     depth: Floats
     force: float
-
-    def alike(self, length: float) -> tuple[float, float, float]:
-        """Return by what white, slow and shared noise of equal size count, for a correlation `length` in cells."""
-        near = np.abs(np.subtract.outer(*[np.arange(len(self.depth))] * 2))
-        along = likeness(length, len(self.depth))[near]
-        square = float((self.depth**2).sum())
-        slow = float((self.depth * (along @ self.depth @ along)).sum())
-        return 1.0, slow / square, float(self.depth.sum()) ** 2 / square
 
 
 @dataclass(frozen=True)
@@ -67,23 +60,25 @@ class Unseen:
             return float("nan")
         std = np.maximum(noise.total, TINY)
         weight, (rows, columns) = np.where(known, 1 / std**2, 0.0), known.shape
-        (times, squares), most = self._waves, self._most
-        pair = np.stack([weight * seen.displacement_mm[-1], weight]).astype(np.float32)
-        spectra = fft.rfft2(pair, self._shape)
+        parts = (noise.white, noise.slow, noise.shared)
+        white, slow, shared = (float(np.mean((one[known] / std[known]) ** 2)) for one in parts)
+        power = white + slow * _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
+        (waves, squares), pair = self._waves, np.stack([weight * seen.displacement_mm[-1], weight])
+        filters = waves / np.maximum(power, FLOOR)
+        gain = self._inner(filters * np.conj(waves))
+        spread = np.sqrt(self._inner(np.abs(filters) ** 2 * power) + shared * np.abs(filters[:, 0, 0]) ** 2)
+        spectra = fft.rfft2(pair.astype(np.float32), self._shape)
         fitted, square = (
             fft.irfft2(one * form, self._shape)[:, :rows, :columns]
-            for one, form in zip(spectra, (times, squares), strict=True)
+            for one, form in zip(spectra, (filters, squares), strict=True)
         )
-        usable = square > SEEN_SHARE * np.median(weight[known]) * most[:, None, None]
-        found_mm = np.where(usable, fitted / np.maximum(square, TINY), 0.0)
-        shares = [
-            float(np.mean((one[known] / std[known]) ** 2)) for one in (noise.white, noise.slow, noise.shared)
-        ]
-        spread = np.sqrt(self._alike(noise.length_mm / self.compliance.grid.spacing_mm) @ shares)[
-            :, None, None
-        ] / np.sqrt(np.maximum(square, TINY))
-        depth_mm = np.maximum(found_mm, 0.0)
-        upper_mm = depth_mm + Z90 * np.hypot(spread, relative_std * depth_mm)
+        norm = self._inner(np.abs(waves) ** 2)[:, None, None]
+        usable = square > SEEN_SHARE * np.median(weight[known]) * norm
+        share, gain = np.maximum(square, TINY) / norm, gain[:, None, None]
+        depth_mm = np.maximum(fitted / (gain * share), 0.0)
+        upper_mm = depth_mm + Z90 * np.hypot(
+            spread[:, None, None] / (gain * np.sqrt(share)), relative_std * depth_mm
+        )
         forces = np.array([one.force for one in self.templates])
         return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
 
@@ -114,20 +109,20 @@ class Unseen:
             to[:] = np.roll(to, (-half, -half), axis=(0, 1))
         return np.conj(fft.rfft2(placed)), np.conj(fft.rfft2(placed**2))
 
-    def _alike(self, length: float) -> Floats:
-        """Return (templates, 3) as Template.alike; lengths are few."""
-        if length not in self._known:
-            self._known[length] = np.array([one.alike(length) for one in self.templates])
-        return self._known[length]
+    def _inner(self, waves: Waves | Floats) -> Floats:
+        """Return the sum (templates,) over the plane whose half the transforms hold."""
+        twice = np.full(waves.shape[-1], 2.0)
+        twice[0] = 1.0
+        if self._shape[1] % 2 == 0:
+            twice[-1] = 1.0
+        return np.asarray((waves.real * twice).sum(axis=(1, 2)) / np.prod(self._shape))
 
-    @cached_property
-    def _known(self) -> dict[float, Floats]:
-        return {}
 
-    @cached_property
-    def _most(self) -> Floats:
-        """Return the sum of squares (templates,) of each template."""
-        return np.array([float((one.depth**2).sum()) for one in self.templates])
+@lru_cache(maxsize=32)
+def _slow_power(length: float, shape: tuple[int, int]) -> Floats:
+    """Return the power (ky, kx) of slow noise of unit deviation, for a correlation `length` in cells."""
+    down, across = (likeness(length, n)[np.minimum(np.arange(n), n - np.arange(n))] for n in shape)
+    return np.maximum(fft.rfft2(np.outer(down, across)).real, 0.0)
 
 
 def _templates(
