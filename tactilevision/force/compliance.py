@@ -391,7 +391,7 @@ def _solved(
 
 
 def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Solution:
-    """Solve for what the pressures of `found` (C,) lack over its cells and the ring about them, pulls included, by
+    """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included, by
     the depth (rows, columns) that they leave, mm.
 
     Noise that may not pull only pushes, so the sum of pressures without negative ones is too large. With the sum of
@@ -401,7 +401,8 @@ def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, lef
     """
     grid, touching = compliance.grid, np.zeros(compliance.grid.shape, dtype=np.uint8)
     touching.flat[found.cells] = 1
-    support = np.flatnonzero(cv2.dilate(touching, np.ones((3, 3), np.uint8)).astype(bool) & seen.known)
+    ring = 2 * seen.noise[-1].rings + 1
+    support = np.flatnonzero(cv2.dilate(touching, np.ones((ring, ring), np.uint8)).astype(bool) & seen.known)
     left = left_mm.ravel()[support]
     unit, whole = grid.spacing_mm * (1 - compliance.poisson_ratio**2), compliance.block(support, 1)
     if compliance.sides is not None:

@@ -52,6 +52,14 @@ class CellNoise:
         """Return the standard deviation (rows, columns) of each cell, mm."""
         return np.sqrt(self.white**2 + self.slow**2 + self.shared**2)
 
+    @property
+    def rings(self) -> int:
+        """Return how many cells about a contact's make its sum free of what noise has selected: 2 where the noise of
+        neighbours is more alike than not.
+        """
+        slow, whole = float((self.slow**2).sum()), float((self.white**2 + self.slow**2).sum())
+        return 2 if slow * likeness(self.length_mm / self.grid.spacing_mm, 2)[1] > whole / 2 else 1
+
     def propagate(self, gain: Floats, cells: Cells) -> Floats:
         """Return the covariance (K, K) of `gain` (K, C) @ displacement of `cells`, in the gain's unit times mm."""
         own, slow = gain * self.white.flat[cells], gain * self.slow.flat[cells]

@@ -28,7 +28,7 @@ from tactilevision.records.rig import Gel
 
 # Errors of cells and linear theory, chosen on 100 contacts of benchmarks.force_coverage
 MODEL_SHEAR = 0.006  # of the tangential force, for fx and fy
-MODEL_STD = np.array([0.0006, 0.0006, 0.0027])  # of the force, for fx, fy, fz
+MODEL_STD = np.array([0.0006, 0.0006, 0.0023])  # of the force, for fx, fy, fz
 MODEL_PLACE_MM = 0.005  # mm: of a centre of pressure
 FEW_CELLS = 0.08  # of the normal force over the number of cells
 MODEL_DEEP = 0.12  # of the correction for large depth; benchmarks.force_depth

@@ -29,7 +29,7 @@ from tactilevision.records.constants import TINY, Z90
 from tactilevision.records.measured import Floats
 
 Waves = npt.NDArray[np.complexfloating]
-RADII = 4  # contact radii from one cell to one thickness, in equal steps of their logarithm
+RADII = 3  # contact radii from one cell to one thickness, in equal steps of their logarithm
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
