@@ -23,7 +23,7 @@ from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.force.observe import Observation
 from tactilevision.records.constants import TINY
 from tactilevision.records.maps import TractionMap
-from tactilevision.records.measured import Floats, Material
+from tactilevision.records.measured import Bools, Floats, Material
 from tactilevision.records.rig import Gel
 
 # Errors of cells and linear theory, chosen on 100 contacts of benchmarks.force_coverage
@@ -115,7 +115,7 @@ class Patches:
             slopes = self.found.response(self._weights(cells, self.of_cells, scale, 3)).reshape(6 * count, 3, -1)
             for k in (0, 1):
                 found += self.seen.noise[k].propagate(slopes[:, k], cells)
-            along = np.tile([True, True, False, False, False, True], count)
+            along = self._tangential
             normal[along] = 0.0
             normal[np.ix_(along, self.place)] = slopes[along, 2]
         found += self.seen.noise[-1].propagate(normal, self.whole.cells)
@@ -126,11 +126,15 @@ class Patches:
         shape, parts = (self.count, 6) * 2, len(self.traction)
         if material.covariance is None:
             return np.zeros(shape)
-        weights = self._weights(self.found.cells, self.of_cells, scale, parts)
-        softer = self.compliance.by_poisson(self.found.cells, parts) @ self.found.traction.ravel()
-        slope = np.stack(
-            [wrenches.ravel() / material.youngs_modulus_MPa, -self.found.gain(weights) @ softer], axis=1
-        )
+        pressure = np.zeros(len(self.whole.cells))
+        pressure[self.place] = self.found.traction[-1]
+        softer = self.compliance.by_poisson(self.whole.cells, 1) @ pressure
+        by_poisson = -self.whole.response(self._weights(self.whole.cells, self.of_support, scale, 1)) @ softer
+        if parts == 3:
+            weights = self._weights(self.found.cells, self.of_cells, scale, 3)
+            softer = self.compliance.by_poisson(self.found.cells, 3) @ self.found.traction.ravel()
+            by_poisson[self._tangential] = -(self.found.gain(weights) @ softer)[self._tangential]
+        slope = np.stack([wrenches.ravel() / material.youngs_modulus_MPa, by_poisson], axis=1)
         return np.asarray(slope @ material.covariance @ slope.T).reshape(shape)
 
     def model_covariance(self, wrenches: Floats, doubt_N: Floats, scale: Floats, *, cut: bool) -> Floats:
@@ -150,6 +154,11 @@ class Patches:
             lever, moved = _levers(wrench)
             found[k] = (lever * square) @ lever.T + MODEL_PLACE_MM**2 * (moved @ moved.T)
         return found
+
+    @property
+    def _tangential(self) -> Bools:
+        """Return which rows (6 P,) are fx, fy and mz."""
+        return np.tile([True, True, False, False, False, True], self.count)
 
     def _weights(self, cells: Cells, patch: Cells, scale: Floats, parts: int) -> Floats:
         """Return (6 P, parts n): the wrench of each patch by tractions at `cells` (n,)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.force_depth import HELD_OUT, LIMIT, SEEN, Case, press_and_look
-from tactilevision.force.field import patch_factor
+from tactilevision.force.large_depth import patch_factor
 
 ONE = np.array([2.5])
 
