@@ -199,37 +199,35 @@ def _levers(wrench: Floats) -> tuple[Floats, Floats]:
 class PatchTracker:
     """Numbers of contact patches that stay the same over frames. Not thread-safe.
 
-    A patch keeps the number of the patch before with which it shares most cells; each number is given once.
+    A patch keeps the number of the patch of the frame before with which it shares most cells. Each number is given
+    once. `numbered` (rows, columns) are those of the last frame, 0 outside.
     """
 
     def __init__(self) -> None:
-        self._before: Cells | None = None
+        self.numbered: Cells | None = None
         self._next = 1
 
     def __call__(self, found: TractionMap) -> TractionMap:
-        """Return the map of the next frame with these numbers."""
-        if found.patch_map is None:
-            return found
-        names = self.follow(found.patch_map)
-        patches = tuple(replace(one, number=names[one.number]) for one in found.patches)
-        assert self._before is not None
-        return replace(found, patches=patches, patch_map=self._before)
+        """Return the map (rows, columns) of the next frame, MPa, with these numbers."""
+        own = np.zeros(found.t_z.shape, dtype=np.intp) if found.patch_map is None else found.patch_map
+        names = self.follow(own)
+        patches = sorted((replace(one, number=names[one.number]) for one in found.patches), key=lambda one: one.number)
+        return replace(found, patches=tuple(patches), patch_map=self.numbered)
 
-    def follow(self, numbered: Cells) -> dict[int, int]:
-        """Return the lasting number of each patch of a map (rows, columns) of a frame's own numbers, 0 outside."""
-        pairs: list[tuple[int, int, int]] = []
-        if self._before is not None:
-            both = (numbered > 0) & (self._before > 0)
-            shared, counts = np.unique(np.stack([numbered[both], self._before[both]]), axis=1, return_counts=True)
-            pairs = sorted(zip(-counts, *shared.tolist(), strict=True))
+    def follow(self, own: Cells) -> dict[int, int]:
+        """Return the lasting number of each patch of a map (rows, columns) of the frame's own numbers, 0 outside."""
         names: dict[int, int] = {}
-        for _, own, before in pairs:
-            if own not in names and before not in names.values():
-                names[own] = before
-        for own in np.unique(numbered[numbered > 0]).tolist():
-            if own not in names:
-                names[own], self._next = self._next, self._next + 1
+        if self.numbered is not None:
+            both = (own > 0) & (self.numbered > 0)
+            pairs, shared = np.unique(np.stack([own[both], self.numbered[both]]), axis=1, return_counts=True)
+            for k in np.argsort(-shared, kind="stable"):
+                now, before = pairs[:, k].tolist()
+                if now not in names and before not in names.values():
+                    names[now] = before
+        for now in np.unique(own[own > 0]).tolist():
+            if now not in names:
+                names[now], self._next = self._next, self._next + 1
         table = np.zeros(max(names, default=0) + 1, dtype=np.intp)
         table[list(names)] = list(names.values())
-        self._before = table[numbered]
+        self.numbered = table[own]
         return names

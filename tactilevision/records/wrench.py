@@ -19,6 +19,14 @@ from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats, Pair
 
 Triple = tuple[float, float, float]
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+COMPONENTS = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
+STDS = tuple(name.replace("_", "_std_") for name in COMPONENTS)
+PAIRS = tuple((i, j) for i in range(6) for j in range(i + 1, 6))
+PATCH_COLUMNS = (
+    *("patch", *COMPONENTS, *STDS, "x_mm", "y_mm", "x_std_mm", "y_std_mm", "area_mm2", "depth_mm"),
+    *("torsion_Nmm", "torsion_std_Nmm", *(f"cov_{AXES[i]}_{AXES[j]}" for i, j in PAIRS)),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +110,16 @@ class Patch:
     depth_mm: float
     torsion_Nmm: float
     torsion_std_Nmm: float
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """Return the values of PATCH_COLUMNS, in their units; those of `cov_` in N^2, N^2 mm or (N mm)^2."""
+        own = self.wrench
+        spread = np.full((6, 6), np.nan) if own.covariance is None else own.covariance
+        place = (*self.centre_mm, *self.centre_std_mm, self.area_mm2, self.depth_mm)
+        shared = (float(spread[pair]) for pair in PAIRS)
+        wrench = (*own.force_N, *own.moment_Nmm, *own.force_std_N, *own.moment_std_Nmm)
+        return (float(self.number), *wrench, *place, self.torsion_Nmm, self.torsion_std_Nmm, *shared)
 
 
 def patch_of(number: int, wrench: Wrench, *, area_mm2: float, depth_mm: float) -> Patch:
