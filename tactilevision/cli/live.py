@@ -53,7 +53,9 @@ def live(
     preview: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of a page; 0: a free one.")] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove: pictures, maps, wrench.")] = False,
     mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for live.csv and patches.csv; made if missing.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for live.csv and patches.csv; made if missing.")
+    ] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""

@@ -420,7 +420,13 @@ def _cells(row: FrameForce) -> tuple[str, ...]:
     numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
     about = (row.why or row.flags, row.press)
     limits = (*row.moment_std_Nmm, row.could_hide_N, len(row.patches) if row.read else np.nan)
-    return (row.frame, table_cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, (*row.measured_N, *limits)))
+    return (
+        row.frame,
+        table_cell(row.time_s),
+        *map(_cell, numbers),
+        *about,
+        *map(_cell, (*row.measured_N, *limits)),
+    )
 
 
 def patch_cells(rows: Sequence[FrameForce]) -> list[tuple[str, ...]]:

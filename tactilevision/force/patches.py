@@ -211,7 +211,9 @@ class PatchTracker:
         """Return the map (rows, columns) of the next frame, MPa, with these numbers."""
         own = np.zeros(found.t_z.shape, dtype=np.intp) if found.patch_map is None else found.patch_map
         names = self.follow(own)
-        patches = sorted((replace(one, number=names[one.number]) for one in found.patches), key=lambda one: one.number)
+        patches = sorted(
+            (replace(one, number=names[one.number]) for one in found.patches), key=lambda one: one.number
+        )
         return replace(found, patches=tuple(patches), patch_map=self.numbered)
 
     def follow(self, own: Cells) -> dict[int, int]:

@@ -33,7 +33,7 @@ PATCH_COLUMNS = (
 class Wrench:
     """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about `point_mm`, each with its standard deviation.
 
-    `point_mm` is on the pad, from its centre on the untouched face. `covariance` (6, 6) of force and moment in this
+    `point_mm` is from the pad's centre on the untouched face, along the same axes. `covariance` (6, 6) of force and moment in this
     order, N^2, N^2 mm and (N mm)^2. NaN: not measured, as fx and fy without marks or texture to track.
     """
 
@@ -61,7 +61,7 @@ class Wrench:
 
             F' = R F,    M' = det(R) R (M + (p - p') x F),    covariance' = A covariance A^T
 
-        `point_mm` (3,) p' on the pad; `rotation` (3, 3) R, rows the new axes by the old ones; det(R) = -1 is a
+        `point_mm` (3,) p' along the present axes; `rotation` (3, 3) R, rows the new axes by the old ones; det(R) = -1 is a
         mirror, as from the left-handed axes of the picture to right-handed ones. A component that depends on one
         not measured is NaN. Raises InputError for a matrix that is not orthogonal.
         """
@@ -79,7 +79,7 @@ class Wrench:
         change = np.block([[turn, np.zeros((3, 3))], [hand * turn @ lever, hand * turn]])
         square = np.diag(np.square([*self.force_std_N, *self.moment_std_Nmm]))
         whole = square if self.covariance is None else self.covariance
-        return Wrench.of(*_changed(change, self.values, whole), triple(np.asarray(point_mm, dtype=np.float64)))
+        return Wrench.of(*_changed(change, self.values, whole), triple(turn @ np.asarray(point_mm, dtype=float)))
 
 
 def _changed(change: Floats, values: Floats, covariance: Floats) -> tuple[Floats, Floats]:
