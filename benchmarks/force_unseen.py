@@ -90,7 +90,7 @@ def hidden(field: ForceField, unit: Floats, off: Floats, std_mm: float, share: f
 
 
 def unseen(contacts: int, *, seed: int) -> Floats:
-    """Rows (noises, contacts, 4): hidden force and limit at the greatest unseen depth, and at a random one below."""
+    """Rows (noises, contacts, 4): hidden force and limit at the greatest unseen depth, and at a random one."""
     rng, pressed = np.random.default_rng(seed), Pressed(Forward(VIEW, GEL, MATERIAL))
     field = ForceField(GEL, MATERIAL, (VIEW.mm_per_px,) * 2, view_px=VIEW.shape, settings=LINEAR)
     radii = np.exp(rng.uniform(np.log(0.5), np.log(GEL.thickness_mm), RADII))

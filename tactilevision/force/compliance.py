@@ -391,11 +391,11 @@ def _solved(
 
 
 def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Solution:
-    """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included, by
-    the depth (rows, columns) that they leave, mm.
+    """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included,
+    by the depth (rows, columns) that they leave, mm.
 
-    Noise that may not pull only pushes, so the sum of pressures without negative ones is too large. With the sum of
-    this solution added it is linear in the depth, over a support that noise hardly moves, and so unbiased:
+    Noise that may not pull only pushes, so the sum of pressures without negative ones is too large. With the sum
+    of this solution added it is linear in the depth, over a support that noise hardly moves, and so unbiased:
 
         dt = F_S (u - C t),    F_S = M_S^-1 + a M_S^-2,    M_S = C_S + a I + R_S
     """

@@ -49,7 +49,7 @@ from tactilevision.records.constants import Z90
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Bools, Floats, Material, Pair
 from tactilevision.records.rig import Gel
-from tactilevision.records.wrench import Wrench, patch_of, triple
+from tactilevision.records.wrench import triple
 
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one is not detected
 STILL = 2.0  # thicknesses from a contact, beyond which the gel does not move
@@ -63,8 +63,8 @@ SMALL_GEL = "gel smaller than the view"
 class ForceSettings:
     """Settings of a force field.
 
-    `spacing_mm` of the cells; `sides` accounts for the gel's free sides; `large_depth` for its large strain (False:
-    linear elasticity); `cell_std` computes the standard deviation of every traction.
+    `spacing_mm` of the cells; `sides` accounts for the gel's free sides; `large_depth` for its large strain
+    (False: linear elasticity); `cell_std` computes the standard deviation of every traction.
     """
 
     spacing_mm: float = 0.5
@@ -162,17 +162,13 @@ class ForceField:
             float(np.sqrt(np.mean(one[seen.known] ** 2))) if seen.known.any() else np.nan for one in (x, y)
         )
         levers = np.array([1.0, 1.0, 1.0, arm_y, arm_x, np.hypot(arm_x, arm_y)])
-        fields, total, covariance = (
-            np.zeros((3, *grid.shape)),
-            np.zeros(6),
-            np.diag((levers * hidden_N / Z90) ** 2),
-        )
+        fields, total = np.zeros((3, seen.known.size)), np.zeros((1, 6))
+        covariance = np.diag((levers * hidden_N / Z90) ** 2).reshape(1, 6, 1, 6)
         if len(seen.displacement_mm) == 1:
             flags = (*flags, NO_SHEAR)
-            _forget(fields, total, covariance)
-        found = _as_map(
-            grid, fields, np.full_like(fields, np.nan), total, covariance, (*flags, NO_CONTACT), height
-        )
+            _forget_shear(fields, total, covariance)
+        errors = np.full_like(fields, np.nan)
+        found = _as_map(grid, fields, errors, total[0], covariance[0, :, 0], (*flags, NO_CONTACT), height)
         return replace(found, could_hide_N=hidden_N)
 
     @cached_property
@@ -223,39 +219,23 @@ class ForceField:
         every = patches.noise_covariance(scale) + patches.material_covariance(self.material, scale, wrenches)
         for k, more in enumerate(model):
             every[k, :, k] += more
-        total, covariance = wrenches.sum(axis=0), every.sum(axis=(0, 2))
-        fields, errors = np.zeros((3, grid.shape[0] * grid.shape[1])), np.full((3, seen.known.size), np.nan)
+        fields, errors = np.zeros((3, seen.known.size)), np.full((3, seen.known.size), np.nan)
         fields[3 - parts :, found.cells] = patches.traction * scale[patches.of_cells]
         if self.settings.cell_std:
             noise = np.concatenate([one.total.ravel()[found.cells] for one in seen.noise])
             errors[3 - parts :, found.cells] = found.cell_std(noise) * scale[patches.of_cells]
-        for values, spread in (
-            (total, covariance),
-            *((wrenches[k], every[k, :, k]) for k in range(patches.count)),
-        ):
-            if parts == 1:
-                _forget(fields, values, spread)
-        whole = _as_map(grid, fields.reshape(3, *grid.shape), errors.reshape(3, *grid.shape), total, covariance,
-                        flags, height)  # fmt: skip
-        depth = seen.displacement_mm[-1].ravel()[found.cells]
+        if parts == 1:
+            _forget_shear(fields, wrenches, every)
+        total, covariance = wrenches.sum(axis=0), every.sum(axis=(0, 2))
+        whole = _as_map(grid, fields, errors, total, covariance, flags, height)
         numbers = np.zeros(grid.shape, dtype=np.intp)
         numbers.flat[found.cells] = patches.of_cells + 1
         return replace(
             whole,
-            depth_mm=float(depth.max()),
+            depth_mm=float(seen.displacement_mm[-1].ravel()[found.cells].max()),
             model_std_N=float(np.sqrt(model[:, 2, 2].sum())),
             patch_map=numbers,
-            patches=tuple(
-                patch_of(k + 1, Wrench.of(wrench, every[k, :, k]), area_mm2=area, depth_mm=mean)
-                for k, (wrench, area, mean) in enumerate(
-                    zip(
-                        wrenches,
-                        (patches.sizes * grid.cell_mm2).tolist(),
-                        patches.mean(depth).tolist(),
-                        strict=True,
-                    )
-                )
-            ),
+            patches=patches.records(wrenches, every),
         )
 
     def _stiffening(self, patches: Patches) -> tuple[Floats, Floats]:
@@ -279,26 +259,26 @@ class ForceField:
         return max(0.0, float(stuck.traction[2].sum() / found.traction[0].sum()) - 1)
 
 
-def _forget(fields: Floats, values: Floats, covariance: Floats) -> None:
-    """Set what is not known without shear to NaN: t_x, t_y, and of a wrench (6,) fx, fy, mz."""
+def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:
+    """Set what is not known without shear to NaN: t_x and t_y, and of wrenches (P, 6) fx, fy and mz."""
     unknown = [0, 1, 5]
-    fields[:2], values[unknown] = np.nan, np.nan
-    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
+    fields[:2], wrenches[:, unknown] = np.nan, np.nan
+    covariance[:, unknown], covariance[..., unknown] = np.nan, np.nan
 
 
 def _as_map(grid: NodeGrid, fields: Floats, errors: Floats, total: Floats, covariance: Floats,
             flags: tuple[str, ...], height: HeightMap) -> TractionMap:  # fmt: skip
-    std = np.sqrt(np.diag(covariance))
+    std, maps = np.sqrt(np.diag(covariance)), fields.reshape(3, *grid.shape)
     return TractionMap(
-        t_x=fields[0],
-        t_y=fields[1],
-        t_z=fields[2],
+        t_x=maps[0],
+        t_y=maps[1],
+        t_z=maps[2],
         mm_per_px=(grid.spacing_mm, grid.spacing_mm),
         resultant_N=triple(total[:3]),
         resultant_std_N=triple(std[:3]),
         flags=flags,
         first_mm=(float(grid.x_mm[0]), float(grid.y_mm[0])),
-        std_MPa=errors,
+        std_MPa=errors.reshape(3, *grid.shape),
         moment_Nmm=triple(total[3:]),
         moment_std_Nmm=triple(std[3:]),
         time_s=height.time_s,

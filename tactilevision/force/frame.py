@@ -74,7 +74,7 @@ class TractionStore:
         write_frame(self.scratch, number, fields=fields | {PATCH: numbers.astype(np.float32)})
 
     def number_patches(self, good: Sequence[int]) -> list[dict[int, int]]:
-        """Give the patches of the frames `good`, in this order, numbers that last; return them by the frame's own."""
+        """Give the patches of the frames `good`, in order, lasting numbers; return them by the frame's own."""
         every, track, names = read_frames(self.scratch, (PATCH,))[PATCH], PatchTracker(), []
         for number in good:
             names.append(track.follow(every[number].astype(np.intp)))

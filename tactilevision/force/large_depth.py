@@ -8,10 +8,9 @@ surface stretch du_x/dx + du_y/dy. The weight joins two limits: a wide patch thi
 narrow one strains it only near by. The factor is 1 at w = 0. Without shear e = 0, as for a sticking gel; a
 sliding gel stretches and responds as the linear layer does.
 
-The form was chosen on nonlinear finite elements (neo-Hooke, flat punches a/h .5 to 1.33, nu .45 to .48, friction 0,
-.3 and no slip), and STRAINED on those of a/h .5 and .83: there the linear resultant is 10 to 20 % low at w/h = .2.
-Source of kappa: Hayes et al. (1972), as in
-mechanics/kappa.py.
+The form was chosen on nonlinear finite elements (neo-Hooke, flat punches a/h .5 to 1.33, nu .45 to .48, friction
+0, .3 and no slip), and STRAINED on those of a/h .5 and .83: there the linear resultant is 10 to 20 % low at w/h =
+.2. Source of kappa: Hayes et al. (1972), as in mechanics/kappa.py.
 """
 
 from __future__ import annotations

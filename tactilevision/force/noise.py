@@ -54,8 +54,8 @@ class CellNoise:
 
     @property
     def rings(self) -> int:
-        """Return how many cells about a contact's make its sum free of what noise has selected: 2 where the noise of
-        neighbours is more alike than not.
+        """Return how many cells about a contact's make its sum free of what noise has selected: 2 where the noise
+        of neighbours is more alike than not.
         """
         slow, whole = float((self.slow**2).sum()), float((self.white**2 + self.slow**2).sum())
         return 2 if slow * likeness(self.length_mm / self.grid.spacing_mm, 2)[1] > whole / 2 else 1
@@ -91,8 +91,8 @@ def stated_noise(std_mm: float, length_mm: float, grid: NodeGrid) -> CellNoise:
 def measured_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools) -> CellNoise | None:
     """Measure the noise of cells' depths (rows, columns), mm, on those `far` from a contact.
 
-    `stated` (rows, columns) mm is the deviation of a pixel there, up to a factor; None: alike everywhere. None with
-    fewer than MIN_FAR such cells.
+    `stated` (rows, columns) mm is the deviation of a pixel there, up to a factor; None: alike everywhere. None
+    with fewer than MIN_FAR such cells.
     """
     if np.count_nonzero(far) < MIN_FAR:
         return None
@@ -113,8 +113,8 @@ def rough_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools
 
 
 def assumed_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, known: Bools) -> CellNoise:
-    """Return the noise of a map without enough untouched gel: a contact shares the stated deviation (mm), or else the
-    size of the depths that are farthest from it.
+    """Return the noise of a map without enough untouched gel: a contact shares the stated deviation (mm), or else
+    the size of the depths that are farthest from it.
     """
     none = np.zeros(grid.shape)
     if stated is None:
@@ -176,7 +176,8 @@ def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
 
 
 def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:
-    """Return the deviation of white and of slow noise, and its length in cells, of `pull` at `far` (rows, columns).
+    """Return the deviation of white and of slow noise, and its length in cells, of `pull` at `far` (rows,
+    columns).
 
     The slow part is fitted to the autocovariance by distance, weighted by the number of pairs.
     """

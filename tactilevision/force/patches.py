@@ -1,13 +1,13 @@
 """Contact patches of a solution: their cells, wrenches with covariance, and their numbers over frames.
 
-A patch is what is connected when each touching cell is grown by its neighbours: the support over which the resultant
-is linear in the depth (`compliance.unclipped`). The tractions of a patch are multiplied so that their normal force is
-that of the linear resultant; noise then moves the wrench w of a patch by
+A patch is what is connected when each touching cell is grown by its neighbours: the support over which the
+resultant is linear in the depth (`compliance.unclipped`). The tractions of a patch are multiplied so that their
+normal force is that of the linear resultant; noise then moves the wrench w of a patch by
 
     dw = W (F u_shear + F_S u_z),    cov(w) = sum over components of (W F) cov(u) (W F)^T,
 
-to which the material's covariance and the errors of the method are added, the latter along the patch's own force and
-with the lever of its centre of pressure.
+to which the material's covariance and the errors of the method are added, the latter along the patch's own force
+and with the lever of its centre of pressure.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ from tactilevision.records.constants import TINY
 from tactilevision.records.maps import TractionMap
 from tactilevision.records.measured import Bools, Floats, Material
 from tactilevision.records.rig import Gel
+from tactilevision.records.wrench import Patch, Wrench, patch_of
 
 # Errors of cells and linear theory, chosen on 100 contacts of benchmarks.force_coverage
-MODEL_SHEAR = 0.006  # of the tangential force, for fx and fy
-MODEL_STD = np.array([0.0006, 0.0006, 0.0023])  # of the force, for fx, fy, fz
+MODEL_SHEAR = 0.0055  # of the tangential force, for fx and fy
+MODEL_STD = np.array([0.0006, 0.0006, 0.0025])  # of the force, for fx, fy, fz
 MODEL_PLACE_MM = 0.005  # mm: of a centre of pressure
 FEW_CELLS = 0.08  # of the normal force over the number of cells
+PRESSED = 0.25  # of the mean pressure: less is a cell that is hardly covered, or noise
 MODEL_DEEP = 0.12  # of the correction for large depth; benchmarks.force_depth
 
 
@@ -84,6 +86,13 @@ class Patches:
     def sizes(self) -> Cells:
         """Return the number of touching cells (P,)."""
         return np.bincount(self.of_cells, minlength=self.count)
+
+    @cached_property
+    def areas_mm2(self) -> Floats:
+        """Return the area (P,) of the cells that carry at least PRESSED of their patch's mean pressure."""
+        pressure = self.traction[-1]
+        pressed = pressure >= PRESSED * self.mean(pressure)[self.of_cells]
+        return self.grid.cell_mm2 * np.bincount(self.of_cells, pressed, self.count)
 
     def depth_factors(self, gel: Gel) -> Floats:
         """Return the factor (P,) of each patch's tractions for large depth."""
@@ -155,6 +164,15 @@ class Patches:
             found[k] = (lever * square) @ lever.T + MODEL_PLACE_MM**2 * (moved @ moved.T)
         return found
 
+    def records(self, wrenches: Floats, covariance: Floats) -> tuple[Patch, ...]:
+        """Return the patches of wrenches (P, 6) with covariance (P, 6, P, 6), N and N mm, numbered from 1."""
+        depths = self.mean(self.seen.displacement_mm[-1].ravel()[self.found.cells])
+        own = (Wrench.of(wrench, covariance[k, :, k]) for k, wrench in enumerate(wrenches))
+        rows = zip(own, self.areas_mm2.tolist(), depths.tolist(), strict=True)
+        return tuple(
+            patch_of(k, one, area_mm2=area, depth_mm=mm) for k, (one, area, mm) in enumerate(rows, start=1)
+        )
+
     @property
     def _tangential(self) -> Bools:
         """Return which rows (6 P,) are fx, fy and mz."""
@@ -168,7 +186,7 @@ class Patches:
 
 
 def find_patches(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Patches:
-    """Return the patches of a solution, numbers from 0 over its cells; it leaves `left_mm` (rows, columns) of depth."""
+    """Return the patches of a solution that leaves `left_mm` (rows, columns) of the depth."""
     from skimage.measure import label  # takes a while to load
 
     whole = unclipped(compliance, seen, found, left_mm)
@@ -188,7 +206,7 @@ def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:
 
 
 def _levers(wrench: Floats) -> tuple[Floats, Floats]:
-    """Return the change (6, 3) of a wrench (6,) by its force at the centre of pressure, and (6, 2) by that place."""
+    """Return the change (6, 3) of a wrench (6,), N and N mm, by its force where it acts, and (6, 2) by the place."""
     fx, fy, fz = np.nan_to_num(wrench[:3])
     x, y = (-wrench[4] / fz, wrench[3] / fz) if fz > 0 else (0.0, 0.0)
     lever = np.vstack([np.eye(3), [[0, 0, y], [0, 0, -x], [-y, x, 0]]])
@@ -217,7 +235,7 @@ class PatchTracker:
         return replace(found, patches=tuple(patches), patch_map=self.numbered)
 
     def follow(self, own: Cells) -> dict[int, int]:
-        """Return the lasting number of each patch of a map (rows, columns) of the frame's own numbers, 0 outside."""
+        """Return lasting numbers of the patches of a map (rows, columns) of the frame's own numbers, 0 outside."""
         names: dict[int, int] = {}
         if self.numbered is not None:
             both = (own > 0) & (self.numbered > 0)

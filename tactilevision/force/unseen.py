@@ -1,13 +1,13 @@
 """Upper limit of the normal force that a map without contact may hide.
 
-A hidden contact is a flat punch or a ball, its contact radius a from one cell to one thickness, pressed in by w. It
-sinks the cells by w T and has the force w P, both of the frictionless layer. At every place the depths u of
+A hidden contact is a flat punch or a ball, its contact radius a from one cell to one thickness, pressed in by w.
+It sinks the cells by w T and has the force w P, both of the frictionless layer. At every place the depths u of
 deviation s are compared with T by a filter F, T over the power of the noise,
 
     w = sum(F u/s^2) / sum(F T/s^2),
 
-so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these over
-shapes, radii and places is the limit.
+so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these
+over shapes, radii and places is the limit.
 """
 
 from __future__ import annotations

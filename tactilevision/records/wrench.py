@@ -1,7 +1,8 @@
 """Records of wrenches: force and moment about a point, and contact patches.
 
 Axes are those of the rectified picture: x right, y down, z into the gel, seen from the camera a left-handed set.
-Forces act on the gel. A moment is r x F by components, mx = y fz - z fy, my = z fx - x fz, mz = x fy - y fx, with r
+Forces act on the gel. A moment is r x F by components, mx = y fz - z fy, my = z fx - x fz, mz = x fy - y fx, with
+r
 from a point; places are on the untouched face, z = 0, so the lever of shear neglects the depth.
 """
 
@@ -33,8 +34,9 @@ PATCH_COLUMNS = (
 class Wrench:
     """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about `point_mm`, each with its standard deviation.
 
-    `point_mm` is from the pad's centre on the untouched face, along the same axes. `covariance` (6, 6) of force and moment in this
-    order, N^2, N^2 mm and (N mm)^2. NaN: not measured, as fx and fy without marks or texture to track.
+    `point_mm` is from the pad's centre on the untouched face, along the same axes. `covariance` (6, 6) of force
+    and moment in this order, N^2, N^2 mm and (N mm)^2. NaN: not measured, as fx and fy without marks or texture to
+    track.
     """
 
     force_N: Triple
@@ -61,9 +63,9 @@ class Wrench:
 
             F' = R F,    M' = det(R) R (M + (p - p') x F),    covariance' = A covariance A^T
 
-        `point_mm` (3,) p' along the present axes; `rotation` (3, 3) R, rows the new axes by the old ones; det(R) = -1 is a
-        mirror, as from the left-handed axes of the picture to right-handed ones. A component that depends on one
-        not measured is NaN. Raises InputError for a matrix that is not orthogonal.
+        `point_mm` (3,) p' along the present axes; `rotation` (3, 3) R, rows the new axes by the old ones; det(R) =
+        -1 is a mirror, as from the left-handed axes of the picture to right-handed ones. A component that depends
+        on one not measured is NaN. Raises InputError for a matrix that is not orthogonal.
         """
         turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
         if turn.shape != (3, 3) or np.abs(turn @ turn.T - np.eye(3)).max() > MICRO:
@@ -99,7 +101,7 @@ class Patch:
 
     `number` identifies it over the frames of a stream or recording. `wrench` is about the pad's centre;
     `centre_mm` (x, y) the centre of pressure, (-my, mx) / fz, with its standard deviation; `area_mm2` of the
-    touching cells; `depth_mm` their mean depth; `torsion_Nmm` the moment about z through the centre of pressure.
+    pressed cells; `depth_mm` their mean depth; `torsion_Nmm` the moment about z through the centre of pressure.
     """
 
     number: int

@@ -62,8 +62,8 @@ def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dic
 def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str, Any]:
     """Return the features of a frame (H, W, 3) uint8; one that cannot be read is all NaN, with the reason as flag.
 
-    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm, and
-    its deviation; `could_hide_N`; `patches`, those of the greatest normal force, PATCH_COLUMNS each.
+    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm,
+    and its deviation; `could_hide_N`; `patches`, those of the greatest normal force, PATCH_COLUMNS each.
     """
     unknown: dict[str, Any] = dict.fromkeys(("peak_mm", "area_mm2", "could_hide_N"), np.nan)
     sizes = {"wrench": 6, "wrench_std": 6, "patches": MOST_PATCHES * len(PATCH_COLUMNS)}
