@@ -206,7 +206,7 @@ def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:
 
 
 def _levers(wrench: Floats) -> tuple[Floats, Floats]:
-    """Return the change (6, 3) of a wrench (6,), N and N mm, by its force where it acts, and (6, 2) by the place."""
+    """Return the change (6, 3) of a wrench (6,), N and N mm, by its force where it acts, and (6, 2) by place."""
     fx, fy, fz = np.nan_to_num(wrench[:3])
     x, y = (-wrench[4] / fz, wrench[3] / fz) if fz > 0 else (0.0, 0.0)
     lever = np.vstack([np.eye(3), [[0, 0, y], [0, 0, -x], [-y, x, 0]]])

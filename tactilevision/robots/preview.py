@@ -128,8 +128,8 @@ class Preview(LocalPage):
 # The websocket is a local page's: it needs the token, and the Origin of Foxglove if it states one. A slow viewer
 # misses frames.
 # Topics: /picture the rectified frame (RawImage), /depth the map and /tractions the forces as grids (Grid; places
-# on the pad from its centre, in metres; MPa), /wrench, /patches and /state as JSON. Times are this machine's, since
-# 1970.
+# on the pad from its centre, in metres; MPa), /wrench, /patches and /state as JSON. Times are this machine's,
+# since 1970.
 
 PAD = "pad"  # frame of reference of all topics
 S_TO_NS = 10**9  # nanoseconds in a second
