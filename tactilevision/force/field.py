@@ -197,7 +197,7 @@ class ForceField:
         reach = int(np.ceil(BESIDE * self.gel.thickness_mm / compliance.grid.spacing_mm))
         near = np.zeros(compliance.grid.shape, dtype=np.uint8)
         near.flat[cells] = 1
-        return cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)).astype(bool)
+        return np.asarray(cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)), dtype=bool)
 
     def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, left: Floats) -> Cells:
         """Return the cells of weak contacts that the displacement by a deep one hides."""

@@ -78,7 +78,7 @@ class TractionStore:
         every, track, names = read_frames(self.scratch, (PATCH,))[PATCH], PatchTracker(), []
         for number in good:
             names.append(track.follow(every[number].astype(np.intp)))
-            write_frame(self.scratch, number, fields={PATCH: track.numbered.astype(np.float32)})
+            write_frame(self.scratch, number, fields={PATCH: np.asarray(track.numbered, dtype=np.float32)})
         return names
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:

@@ -172,7 +172,8 @@ def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
     if not deep.any():
         return np.full(grid.shape, np.inf)
     beside = (~deep).astype(np.uint8)
-    return grid.spacing_mm * cv2.distanceTransform(beside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    distance = cv2.distanceTransform(beside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(grid.spacing_mm * distance, dtype=np.float64)
 
 
 def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:

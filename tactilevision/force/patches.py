@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import label
 
 from tactilevision.force.compliance import GelCompliance, Solution, force_beyond, unclipped
 from tactilevision.force.large_depth import patch_factor
@@ -32,6 +33,7 @@ MODEL_SHEAR = 0.0055  # of the tangential force, for fx and fy
 MODEL_STD = np.array([0.0006, 0.0006, 0.0025])  # of the force, for fx, fy, fz
 MODEL_PLACE_MM = 0.005  # mm: of a centre of pressure
 FEW_CELLS = 0.08  # of the normal force over the number of cells
+EIGHT = np.ones((3, 3), dtype=bool)  # neighbours of a cell; scipy's label, since skimage's takes a second to load
 PRESSED = 0.25  # of the mean pressure: less is a cell that is hardly covered, or noise
 MODEL_DEEP = 0.12  # of the correction for large depth; benchmarks.force_depth
 
@@ -92,7 +94,7 @@ class Patches:
         """Return the area (P,) of the cells that carry at least PRESSED of their patch's mean pressure."""
         pressure = self.traction[-1]
         pressed = pressure >= PRESSED * self.mean(pressure)[self.of_cells]
-        return self.grid.cell_mm2 * np.bincount(self.of_cells, pressed, self.count)
+        return np.asarray(self.grid.cell_mm2 * np.bincount(self.of_cells, pressed, self.count), dtype=np.float64)
 
     def depth_factors(self, gel: Gel) -> Floats:
         """Return the factor (P,) of each patch's tractions for large depth."""
@@ -187,12 +189,10 @@ class Patches:
 
 def find_patches(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Patches:
     """Return the patches of a solution that leaves `left_mm` (rows, columns) of the depth."""
-    from skimage.measure import label  # takes a while to load
-
     whole = unclipped(compliance, seen, found, left_mm)
     support = np.zeros(compliance.grid.shape, dtype=bool)
     support.flat[whole.cells] = True
-    return Patches(compliance, seen, found, whole, label(support, connectivity=2).ravel()[whole.cells] - 1)
+    return Patches(compliance, seen, found, whole, label(support, EIGHT)[0].ravel()[whole.cells] - 1)
 
 
 def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:

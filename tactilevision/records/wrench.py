@@ -50,8 +50,8 @@ class Wrench:
     def of(cls, values: Floats, covariance: Floats, point_mm: Triple = (0.0, 0.0, 0.0)) -> Self:
         """Return the wrench of `values` (6,), N and N mm, and their `covariance` (6, 6)."""
         std = np.sqrt(np.diag(covariance))
-        parts = (triple(part) for part in (values[:3], std[:3], values[3:], std[3:]))
-        return cls(*parts, np.asarray(covariance), point_mm)
+        force, force_std, moment, moment_std = (triple(one) for one in (values[:3], std[:3], values[3:], std[3:]))
+        return cls(force, force_std, moment, moment_std, np.asarray(covariance), point_mm)
 
     @property
     def values(self) -> Floats:

@@ -77,7 +77,7 @@ def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str
     height, wrench = seen.height, seen.wrench
     depth = np.where(height.valid, height.depth_mm, np.nan)
     pressed = seen.contact & height.valid
-    found = {
+    found: dict[str, Any] = {
         "depth_mm": shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink).astype(np.float32),
         "contact": bool(seen.contact.any()),
         "peak_mm": float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
