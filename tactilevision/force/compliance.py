@@ -292,6 +292,7 @@ def at_border(cells: Cells, usable: Bools) -> Bools:
 
 SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
 SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
+MISFIT = 0.03  # of the deepest: what cells leave of the depth by nonlinear elements; benchmarks.force_depth
 MAX_ITERATIONS = 40  # rounds of narrowing
 
 
@@ -390,7 +391,9 @@ def _solved(
     return factor, (once + SUBCELL * unit * again).reshape(parts, count)
 
 
-def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Solution:
+def unclipped(
+    compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats
+) -> tuple[Solution, float]:
     """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included,
     by the depth (rows, columns) that they leave, mm.
 
@@ -398,6 +401,11 @@ def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, lef
     of this solution added it is linear in the depth, over a support that noise hardly moves, and so unbiased:
 
         dt = F_S (u - C t),    F_S = M_S^-1 + a M_S^-2,    M_S = C_S + a I + R_S
+
+    A residual r that noise s and elasticity (MISFIT of the deepest) do not explain is an error of the map, which
+    the bound on pulls keeps from the force. So the second value is the share of dt to be used,
+
+        min(1, (s^2 + (MISFIT w)^2) / mean(r^2))
     """
     grid, touching = compliance.grid, np.zeros(compliance.grid.shape, dtype=np.uint8)
     touching.flat[found.cells] = 1
@@ -413,7 +421,9 @@ def unclipped(compliance: GelCompliance, seen: Observation, found: Solution, lef
     rms = _rms(found.traction[-1:], seen.std_mm[-1:] / unit)
     every = np.arange(len(support))
     factor, more = _solved(whole, grid, support, every, left[None], unit, seen.std_mm[-1:] / rms)
-    return Solution(support, more, factor, SUBCELL * unit)
+    deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
+    likely = float(np.mean(seen.depth_std_mm.ravel()[support] ** 2)) + (MISFIT * deepest) ** 2
+    return Solution(support, more, factor, SUBCELL * unit), min(1.0, likely / float(np.mean(left**2) + TINY**2))
 
 
 def _rms_guess(u: Floats, unit: float) -> Floats:

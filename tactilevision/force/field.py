@@ -215,7 +215,8 @@ class ForceField:
         stiffer, doubt = self._stiffening(patches)
         scale = self.material.youngs_modulus_MPa * stiffer
         wrenches = patches.wrenches(scale)
-        model = patches.model_covariance(wrenches, doubt * wrenches[:, 2], scale, cut=CUT in flags)
+        doubt_N = np.hypot(doubt, (1 - patches.share) * patches.excess) * wrenches[:, 2]
+        model = patches.model_covariance(wrenches, doubt_N, scale, cut=CUT in flags)
         every = patches.noise_covariance(scale) + patches.material_covariance(self.material, scale, wrenches)
         for k, more in enumerate(model):
             every[k, :, k] += more

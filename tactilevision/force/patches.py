@@ -40,13 +40,14 @@ MODEL_DEEP = 0.12  # of the correction for large depth; benchmarks.force_depth
 
 @dataclass(frozen=True)
 class Patches:
-    """The patches of a solution: `whole` is its unclipped correction, `of_support` (S,) the patch of each of its
-    cells, from 0."""
+    """The patches of a solution: `whole` is its unclipped correction, of which `share` is used, `of_support` (S,)
+    the patch of each of its cells, from 0."""
 
     compliance: GelCompliance
     seen: Observation
     found: Solution
     whole: Solution
+    share: float
     of_support: Cells
 
     @property
@@ -72,11 +73,16 @@ class Patches:
     @cached_property
     def traction(self) -> Floats:
         """Return the tractions (n, C) in units of E, with the unclipped normal force of each patch."""
+        fixed = self.found.traction.copy()
+        fixed[-1] *= np.maximum(1 + self.share * self.excess, 0.0)[self.of_cells]
+        return fixed
+
+    @cached_property
+    def excess(self) -> Floats:
+        """Return the unclipped normal force (P,) of each patch over the clipped one, less 1."""
         clipped = np.bincount(self.of_cells, self.found.traction[-1], self.count)
         more = np.bincount(self.of_support, self.whole.traction[0], self.count)
-        fixed = self.found.traction.copy()
-        fixed[-1] *= np.maximum(1 + more / np.maximum(clipped, TINY**2), 0.0)[self.of_cells]
-        return fixed
+        return np.asarray(more / np.maximum(clipped, TINY**2))
 
     def mean(self, values: Floats, weight: Floats | None = None) -> Floats:
         """Return the mean (P,) of `values` (C,) over each patch, in their unit, weighted by `weight` (C,)."""
@@ -189,10 +195,10 @@ class Patches:
 
 def find_patches(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Patches:
     """Return the patches of a solution that leaves `left_mm` (rows, columns) of the depth."""
-    whole = unclipped(compliance, seen, found, left_mm)
+    whole, share = unclipped(compliance, seen, found, left_mm)
     support = np.zeros(compliance.grid.shape, dtype=bool)
     support.flat[whole.cells] = True
-    return Patches(compliance, seen, found, whole, label(support, EIGHT)[0].ravel()[whole.cells] - 1)
+    return Patches(compliance, seen, found, whole, share, label(support, EIGHT)[0].ravel()[whole.cells] - 1)
 
 
 def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:
