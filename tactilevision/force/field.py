@@ -244,20 +244,20 @@ class ForceField:
         deep = patches.depth_factors(self.gel) if self.settings.large_depth else np.ones(patches.count)
         if len(patches.found.traction) == 3:
             return deep, MODEL_DEEP * (deep - 1)
-        stuck = self._sticking(patches.compliance, patches.seen, patches.found)
+        stuck = self._sticking(patches)
         more = np.stack([deep - 1, np.full(len(deep), stuck)])
         by_share = np.sum(more / (1 + LIKELY_SHARE * more), axis=0)
         return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(SHARE_STD * by_share, MODEL_DEEP * (deep - 1))
 
-    def _sticking(self, compliance: GelCompliance, seen: Observation, found: Solution) -> float:
-        """Return by what fraction the normal force would be greater if the gel had not slipped at all,
-        linearly.
-        """
-        depth = seen.displacement_mm[-1].ravel()[found.cells]
+    def _sticking(self, patches: Patches) -> float:
+        """Return by what fraction the normal force would be greater if nothing had slipped, linearly."""
+        seen, cells = patches.seen, patches.whole.cells
+        depth = seen.displacement_mm[-1].ravel()[cells]
         held = np.stack([0 * depth, 0 * depth, depth])
         std = np.repeat(seen.std_mm[-1:], 3)
-        stuck = solve(compliance, found.cells, displacement_mm=held, std_mm=std, adhesive=True)
-        return max(0.0, float(stuck.traction[2].sum() / found.traction[0].sum()) - 1)
+        stuck = solve(patches.compliance, cells, displacement_mm=held, std_mm=std, adhesive=True)
+        free = patches.found.traction[0].sum() + patches.whole.traction[0].sum()
+        return max(0.0, float(stuck.traction[2].sum() / free) - 1)
 
 
 def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:
