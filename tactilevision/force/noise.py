@@ -104,7 +104,7 @@ def measured_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bo
 
 
 def rough_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools) -> CellNoise | None:
-    """Return noise of the right size, of which nothing is known but that; else as `measured_noise`."""
+    """Return noise (rows, columns) mm of the right size, of which no more is known; else as `measured_noise`."""
     if np.count_nonzero(far) < MIN_FAR:
         return None
     scale = np.ones(grid.shape) if stated is None else stated

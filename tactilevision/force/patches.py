@@ -194,7 +194,7 @@ class Patches:
 
 
 def find_patches(compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats) -> Patches:
-    """Return the patches of a solution that leaves `left_mm` (rows, columns) of the depth."""
+    """Return the patches of a solution that leaves `left_mm` (rows, columns), mm, of the depth."""
     whole, share = unclipped(compliance, seen, found, left_mm)
     support = np.zeros(compliance.grid.shape, dtype=bool)
     support.flat[whole.cells] = True

@@ -172,6 +172,7 @@ def _sampled(height: HeightMap) -> HeightMap:
 
 # The loop over the frames of a stream.
 
+# columns of live.csv, a line for each frame
 COLUMNS = (
     *("frame", "time_s", "contact", "peak_mm"),
     *(*COMPONENTS[:3], *STDS[:3], *COMPONENTS[3:]),

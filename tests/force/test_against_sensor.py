@@ -108,7 +108,7 @@ def test_thickness_by_its_slope_is_the_inverse_step_at_another_thickness() -> No
     model = Model(Resultant()) + EFFECTS["thickness"]
     values = model.defaults(data)
     ratio = model.predict(np.append(values[:-1], 0.05), data) / model.predict(values, data)
-    assert ratio[deepest] == pytest.approx(expected, rel=0.004)
+    assert ratio[deepest] == pytest.approx(expected, rel=0.006)
     assert expected < 0.99
 
 
