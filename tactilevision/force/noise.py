@@ -113,8 +113,8 @@ def rough_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools
 
 
 def assumed_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, known: Bools) -> CellNoise:
-    """Return the noise of a map without enough untouched gel: a contact shares the stated deviation (mm), or else
-    the size of the depths that are farthest from it.
+    """Return the noise (rows, columns) of a map without enough untouched gel: a contact shares the stated
+    deviation (mm), or else the size of the depths that are farthest from it.
     """
     none = np.zeros(grid.shape)
     if stated is None:
