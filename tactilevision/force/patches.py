@@ -198,9 +198,8 @@ def find_patches(compliance: GelCompliance, seen: Observation, found: Solution, 
     whole, share = unclipped(compliance, seen, found, left_mm)
     support = np.zeros(compliance.grid.shape, dtype=bool)
     support.flat[whole.cells] = True
-    return Patches(
-        compliance, seen, found, whole, share, (label(support, EIGHT)[0].ravel()[whole.cells] - 1).astype(np.intp)
-    )
+    numbers = np.asarray(label(support, EIGHT)[0], dtype=np.intp).ravel()[whole.cells]
+    return Patches(compliance, seen, found, whole, share, numbers - 1)
 
 
 def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:
