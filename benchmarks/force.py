@@ -20,9 +20,7 @@ from tactilevision.records.rig import Gel
 VIEWS = {"160 x 120": View((120, 160), 0.171, 4), "320 x 240": View((240, 320), 0.0855, 2)}
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
 REPEATS = 7
-LINEAR = ForceSettings(
-    depth_correlation_px=1, large_depth=False
-)  # the planted truth of the random cases is linear elasticity
+LINEAR = ForceSettings(large_depth=False)  # the planted truth of the random cases is linear elasticity
 
 
 def random_cases(view: View, *, std_mm: float, cases: int, seed: int, material: Material = MATERIAL) -> Floats:
@@ -53,7 +51,7 @@ def frame_times(view: View, *, cases: int = 40, seed: int = 3, cell_std: bool = 
         MATERIAL,
         (view.mm_per_px,) * 2,
         view_px=view.shape,
-        settings=ForceSettings(depth_correlation_px=1, cell_std=cell_std),
+        settings=ForceSettings(cell_std=cell_std),
     )
     spent = []
     for number in range(cases):

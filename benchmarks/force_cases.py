@@ -12,13 +12,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy import fft
+from scipy.ndimage import gaussian_filter
 
-from tactilevision.mechanics.layer import surface_compliance
+from benchmarks.layer_truth import surface_compliance
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
 KINDS = ("Hertz", "flat punch", "two contacts", "ridge")
+SLIPPING = "ball in partial slip"  # Cattaneo and Mindlin: shear is not proportional to pressure
 
 
 @dataclass(frozen=True)
@@ -55,11 +57,7 @@ class Forward:
         k_y = 2 * np.pi * np.fft.fftfreq(self.count[0], step)[:, None]
         k_x = 2 * np.pi * np.fft.fftfreq(self.count[1], step)[None, : self.count[1] // 2 + 1]
         self.compliance = surface_compliance(
-            k_x,
-            k_y,
-            youngs_modulus_MPa=material.youngs_modulus_MPa,
-            poisson_ratio=material.poisson_ratio,
-            thickness_mm=gel.thickness_mm,
+            k_x, k_y, modulus=material.youngs_modulus_MPa, nu=material.poisson_ratio, thickness=gel.thickness_mm
         )
 
     def __call__(self, traction: Floats) -> Floats:
@@ -72,16 +70,28 @@ class Forward:
         return np.asarray(u.reshape(3, rows // n, n, columns // n, n).mean(axis=(2, 4)))
 
 
-def seen(u: Floats, view: View, *, std_mm: float, rng: np.random.Generator) -> tuple[HeightMap, ShearMap]:
+def seen(
+    u: Floats, view: View, *, std_mm: float, rng: np.random.Generator, correlation_mm: float = 0.0
+) -> tuple[HeightMap, ShearMap]:
     """What is measured of a displacement: depth at the camera's places, shear at the material's, both with
-    noise.
+    noise of a deviation and correlation length (0: white).
     """
     scale = (view.mm_per_px, view.mm_per_px)
-    noisy = at_camera(u, view) + std_mm * rng.standard_normal(u.shape[1:])
+    off = noise(view, std_mm=std_mm, rng=rng, correlation_mm=correlation_mm)
     everywhere = np.ones(view.shape, dtype=bool)
-    shear = u[:2] + std_mm * rng.standard_normal(u[:2].shape)
-    height = HeightMap(noisy, everywhere, scale, std_mm=np.full(view.shape, std_mm))
-    return height, ShearMap(shear[0], shear[1], everywhere, scale, std_mm=std_mm)
+    height = HeightMap(at_camera(u, view) + off[2], everywhere, scale, std_mm=np.full(view.shape, std_mm))
+    alike = max(1.0, correlation_mm / view.mm_per_px)
+    shear = u[:2] + off[:2]
+    return height, ShearMap(shear[0], shear[1], everywhere, scale, std_mm=std_mm, correlation_px=alike)
+
+
+def noise(view: View, *, std_mm: float, rng: np.random.Generator, correlation_mm: float = 0.0) -> Floats:
+    """Gaussian noise (3, H, W); white noise under a Gaussian of s has the correlation length 2 s sqrt(pi)."""
+    off = np.stack([std_mm * rng.standard_normal(view.shape) for _ in range(3)])[[1, 2, 0]]
+    if correlation_mm == 0:
+        return off
+    length = correlation_mm / view.mm_per_px
+    return length * np.stack([gaussian_filter(one, length / np.sqrt(4 * np.pi), mode="wrap") for one in off])
 
 
 def at_camera(u: Floats, view: View) -> Floats:
@@ -123,6 +133,13 @@ def draw_case(kind: str, view: View, rng: np.random.Generator) -> Floats:
                 break
         return _patch(kind, view, a, c, rng) + _patch(kind, view, b, d, rng)
     a = rng.uniform(1.2, 3.0)
+    if kind == SLIPPING:
+        c, stuck, place = rng.uniform(0.3, 0.95) * a, rng.uniform(0, 2 * np.pi), centre(a)
+        square = (x - place[0]) ** 2 + (y - place[1]) ** 2
+        whole, core = (np.sqrt(np.clip(1 - square / r**2, 0, None)) for r in (a, c))
+        normal = _loaded(whole, view, rng.uniform(0.1, 0.25) * a**2, rng)[2]
+        lag = rng.uniform(0.3, 1.0) * (whole - c / a * core) * normal.sum() / whole.sum()
+        return np.stack([np.cos(stuck) * lag, np.sin(stuck) * lag, normal])
     return _patch(kind, view, a, centre(a), rng)
 
 

@@ -77,7 +77,7 @@ def press_and_look(case: Case, *, depths_mm: Sequence[float], std_mm: float = 0.
     )
     press = press_to_depths(problem, list(depths_mm))
     scale = (VIEW.mm_per_px, VIEW.mm_per_px)
-    settings = [ForceSettings(depth_correlation_px=1, large_depth=large) for large in (True, False)]
+    settings = [ForceSettings(large_depth=large) for large in (True, False)]
     fields = [ForceField(GEL, material, scale, view_px=VIEW.shape, settings=one) for one in settings]
     x, y = VIEW.mesh()
     r, rows = np.hypot(x, y), []

@@ -82,7 +82,7 @@ def near_the_side(away_mm: float, *, std_mm: float = 0.005) -> tuple[Floats, Flo
     scale = (VIEW.mm_per_px, VIEW.mm_per_px)
     off = []
     for sides in (True, False):
-        settings = ForceSettings(depth_correlation_px=1, large_depth=False, sides=sides)
+        settings = ForceSettings(large_depth=False, sides=sides)
         found = ForceField(GEL, MATERIAL, scale, settings=settings)(height, shear)
         off.append((np.asarray(found.resultant_N) - FORCE_N) / np.linalg.norm(FORCE_N))
     return off[0], off[1]

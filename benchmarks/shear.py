@@ -27,7 +27,7 @@ from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, Surface
 
 VIEW = View((240, 320), 0.0855, 2)
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
-SETTINGS = ForceSettings(depth_correlation_px=1, large_depth=False)
+SETTINGS = ForceSettings(large_depth=False)
 KINDS = ("Hertz", "flat punch", "two contacts")
 DEPTH_STD_MM = 0.005
 

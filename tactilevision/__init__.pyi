@@ -46,9 +46,9 @@ from .records.measured import (
     Floats as Floats,
     ForceSeries as ForceSeries,
     Material as Material,
-    Wrench as Wrench,
 )
 from .records.rig import Gel as Gel, Indenter as Indenter, Press as Press, Sensor as Sensor
+from .records.wrench import Patch as Patch, Wrench as Wrench
 from .robots.live import Stream as Stream
 from .sensors import get_sensor as get_sensor
 from .sensors.rectification import (

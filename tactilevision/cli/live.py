@@ -26,11 +26,11 @@ from tactilevision.recording.model import faults_of_reference
 from tactilevision.records.maps import LIGHT, Frame, flag_messages
 from tactilevision.robots import camera as cameras
 from tactilevision.robots.camera import FRAMES, Audit, Newest, Played, Shot, Source, audit
-from tactilevision.robots.live import COLUMNS, Counts, LiveResult, Stream, run
+from tactilevision.robots.live import COLUMNS, OF_PATCHES, Counts, LiveResult, Stream, run
 from tactilevision.robots.preview import Foxglove, Preview, check_installed, words
 
 EVERY_S = 1  # s between two lines on the terminal
-TABLE = "live.csv"
+TABLE, PATCHES = "live.csv", "patches.csv"
 
 
 def live(
@@ -50,12 +50,12 @@ def live(
     every: Annotated[bool, typer.Option("--every", help="Drop no frame of a video or folder.")] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
-    preview: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Serve a page on this port (0: any).")
+    preview: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of a page; 0: a free one.")] = None,
+    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove: pictures, maps, wrench.")] = False,
+    mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write live.csv and patches.csv into this folder.")
     ] = None,
-    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove with maps and wrench.")] = False,
-    mcap: Annotated[Path | None, typer.Option(help="Write what Foxglove shows here.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write live.csv into this folder.")] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
@@ -150,11 +150,12 @@ def _shows(
 
 
 def _table(stack: ExitStack, out: Path | None) -> Path | None:
-    """Begin live.csv in a folder that is locked until the stack ends; None without --out."""
+    """Begin live.csv and patches.csv in a folder that is locked until the stack ends; None without --out."""
     if out is None:
         return None
     stack.enter_context(output_lock(out))
-    write_text(out / TABLE, ",".join(COLUMNS) + "\n")
+    for name, columns in ((TABLE, COLUMNS), (PATCHES, OF_PATCHES)):
+        write_text(out / name, ",".join(columns) + "\n")
     return out / TABLE
 
 
@@ -179,6 +180,7 @@ class _Reporter:
             show(result, self.counts.rate_Hz)
         if self.table is not None:
             append_text(self.table, result.as_row())
+            append_text(self.table.with_name(PATCHES), result.patch_rows())
         now_s = time.monotonic()
         if now_s - self.printed_s >= EVERY_S:
             self.printed_s = now_s

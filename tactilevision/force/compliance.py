@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
 from scipy.linalg import lapack
-from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uniform_filter
-from scipy.spatial.distance import cdist
+from scipy.ndimage import binary_fill_holes, label, maximum, uniform_filter
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import check_numbers
@@ -27,7 +27,8 @@ from tactilevision.force.lateral_boundaries import (
     side_tables,
     station_shape,
 )
-from tactilevision.force.nodes import Cells, NodeGrid, Observation
+from tactilevision.force.nodes import Cells, NodeGrid
+from tactilevision.force.observe import Observation
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
@@ -251,14 +252,24 @@ def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
 
     The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
-    places = np.stack(np.divmod(cells, shape[1]), axis=1)
-    near = cdist(places, places, "cityblock") == 1
-    return np.asarray((np.diag(near.sum(axis=1)) - near.astype(float)) / 4)
+    place, width = np.full(shape[0] * shape[1] + shape[1], -1), shape[1]
+    place[cells] = np.arange(len(cells))
+    right = np.where(cells % width < width - 1, place[cells + 1], -1)
+    first, other = np.concatenate(
+        [np.stack([place[cells], to])[:, to >= 0] for to in (right, place[cells + width])], 1
+    )
+    matrix = np.zeros((len(cells), len(cells)))
+    matrix[first, other] = matrix[other, first] = -0.25
+    matrix.flat[:: len(cells) + 1] = np.bincount(np.concatenate([first, other]), minlength=len(cells)) / 4
+    return matrix
 
 
 def at_border(cells: Cells, usable: Bools) -> Bools:
     """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
-    return np.asarray(~binary_erosion(usable).ravel()[cells])
+    row, column = np.divmod(cells, usable.shape[1])
+    framed = np.pad(usable, 1)
+    around = framed[row, column + 1] & framed[row + 2, column + 1] & framed[row + 1, column]
+    return np.asarray(~(around & framed[row + 1, column + 2] & framed[row + 1, column + 1]))
 
 
 # Traction on the touching cells from the surface displacement.
@@ -281,6 +292,7 @@ def at_border(cells: Cells, usable: Bools) -> Bools:
 
 SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
 SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
+MISFIT = 0.03  # of the deepest: what cells leave of the depth by nonlinear elements; benchmarks.force_depth
 MAX_ITERATIONS = 40  # rounds of narrowing
 
 
@@ -299,20 +311,10 @@ class Solution:
         """Return weights (K, nC) @ M^-1."""
         return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
 
-    def propagate(self, weights: Floats, std_mm: Floats) -> Floats:
-        """Return the covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
+    def response(self, weights: Floats) -> Floats:
+        """Return the slope (K, nC) of weights (K, nC) @ traction by the displacement, cells fixed."""
         once = self.gain(weights)
-        full = (once + self.subcell * self.gain(once)) * std_mm
-        return np.asarray(full @ full.T)
-
-    def shift(self, weights: Floats, moved_mm: Floats, component: int = -1) -> Floats:
-        """Return the change (K,) of weights (K, nC) @ traction where one component of all cells' displacement
-        grows by `moved_mm` (C,) at once: the last, depth, or another.
-        """
-        whole = np.zeros_like(self.traction)
-        whole[component] = moved_mm
-        once = lapack.dpotrs(self.factor, whole.ravel(), lower=1)[0]
-        return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
+        return np.asarray(once + self.subcell * self.gain(once))
 
     def cell_std(self, std_mm: Floats) -> Floats:
         """Return the standard deviation (n, C) of each traction.
@@ -389,6 +391,41 @@ def _solved(
     return factor, (once + SUBCELL * unit * again).reshape(parts, count)
 
 
+def unclipped(
+    compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats
+) -> tuple[Solution, float]:
+    """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included,
+    by the depth (rows, columns) that they leave, mm.
+
+    Noise that may not pull only pushes, so the sum of pressures without negative ones is too large. With the sum
+    of this solution added it is linear in the depth, over a support that noise hardly moves, and so unbiased:
+
+        dt = F_S (u - C t),    F_S = M_S^-1 + a M_S^-2,    M_S = C_S + a I + R_S
+
+    A residual r that noise s and elasticity (MISFIT of the deepest) do not explain is an error of the map, which
+    the bound on pulls keeps from the force. So the second value is the share of dt to be used,
+
+        min(1, (s^2 + (MISFIT w)^2) / mean(r^2))
+    """
+    grid, touching = compliance.grid, np.zeros(compliance.grid.shape, dtype=np.uint8)
+    touching.flat[found.cells] = 1
+    ring = 2 * seen.noise[-1].rings + 1
+    support = np.flatnonzero(cv2.dilate(touching, np.ones((ring, ring), np.uint8)).astype(bool) & seen.known)
+    left = left_mm.ravel()[support]
+    unit, whole = grid.spacing_mm * (1 - compliance.poisson_ratio**2), compliance.block(support, 1)
+    if compliance.sides is not None:
+        within = np.zeros((len(found.traction), len(support)))
+        within[:, np.searchsorted(support, found.cells)] = found.traction
+        sides = compliance.sides.block(support, len(within))
+        left = left - (sides @ within.ravel())[-len(support) :] if sides.size > 1 else left
+    rms = _rms(found.traction[-1:], seen.std_mm[-1:] / unit)
+    every = np.arange(len(support))
+    factor, more = _solved(whole, grid, support, every, left[None], unit, seen.std_mm[-1:] / rms)
+    deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
+    likely = float(np.mean(seen.depth_std_mm.ravel()[support] ** 2)) + (MISFIT * deepest) ** 2
+    return Solution(support, more, factor, SUBCELL * unit), min(1.0, likely / float(np.mean(left**2) + TINY**2))
+
+
 def _rms_guess(u: Floats, unit: float) -> Floats:
     """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
     size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
@@ -409,14 +446,17 @@ def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
 
     Its deviation includes errors that the whole contact shares, and those of each cell.
     """
+    if not at_border(found.cells, seen.known).any():
+        return False
     edge = at_border(found.cells, binary_fill_holes(seen.known))
     if not edge.any():
         return False
     weights = np.zeros((1, found.traction.size))
     weights[0, -len(found.cells) :] = edge
-    shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
-    own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
-    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
+    slopes = found.response(weights).reshape(1, len(seen.noise), -1)
+    parts = zip(seen.noise, slopes.swapaxes(0, 1), strict=True)
+    square = sum(float(noise.propagate(slope, found.cells)[0, 0]) for noise, slope in parts)
+    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.sqrt(square))
 
 
 def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
@@ -425,14 +465,16 @@ def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: F
     Beyond a border that cuts the contact: its cells' traction continued for half the contact's width. In a hole of
     the map: the mean traction around it, over the hole's area at most.
     """
-    whole = np.asarray(binary_fill_holes(seen.known))
-    outer = at_border(found.cells, whole)
-    inner = at_border(found.cells, seen.known) & ~outer
-    half_width = np.sqrt(len(found.cells) / np.pi)
-    traction, square = found.traction * scale, np.zeros(len(found.traction))
-    if cut:
-        square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
-    if inner.any():
-        missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
-        square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
+    square = np.zeros(len(found.traction))
+    beside = at_border(found.cells, seen.known)
+    if beside.any():
+        whole = np.asarray(binary_fill_holes(seen.known))
+        outer = at_border(found.cells, whole)
+        inner = beside & ~outer
+        half_width, traction = np.sqrt(len(found.cells) / np.pi), found.traction * scale
+        if cut:
+            square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
+        if inner.any():
+            missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
+            square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
     return np.concatenate([np.zeros(3 - len(square)), square])

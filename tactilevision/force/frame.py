@@ -18,8 +18,9 @@ from tactilevision.files.writing import remove, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import CUT, NO_CONTACT, ForceField, Triple, triple
+from tactilevision.force.field import CUT, NO_CONTACT, ForceField
 from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.patches import PatchTracker
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.recording.model import BadFrame, Recording, is_bare
@@ -27,15 +28,17 @@ from tactilevision.recording.write import table_cell
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
 from tactilevision.records.measured import Bools, Floats, Material
 from tactilevision.records.rig import Gel, Press
+from tactilevision.records.wrench import PATCH_COLUMNS, STDS, Triple, triple
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
 # Tractions of many frames on disk, written by many processes a frame at a time as Zarr, then moved to their place.
 #
 # tractions.npz     good frames: frame (N,) names, t_x, t_y, t_z (N, rows, columns) float32 in MPa, mm_per_px,
-#                   first_mm
+#                   first_mm, patch (N, rows, columns), the number of each cell's patch, 0 outside
 # tractions.zarr    all frames, NaN for a frame without tractions: the same fields; scale and place as attributes
 
 FIELDS = ("t_x", "t_y", "t_z")
+PATCH = "patch"
 Form = Literal["npz", "zarr"]
 
 
@@ -61,20 +64,29 @@ class TractionStore:
         """Clean up after killed runs, and make an empty scratch where `anew`."""
         settle(self.path)
         if anew:
-            units = dict.fromkeys(FIELDS, "MPa")
+            units = dict.fromkeys(FIELDS, "MPa") | {PATCH: "1"}
             begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
 
     def write(self, number: int, found: TractionMap) -> None:
         """Write one frame's tractions."""
         fields = {name: getattr(found, name).astype(np.float32) for name in FIELDS}
-        write_frame(self.scratch, number, fields=fields)
+        numbers = np.zeros(self.grid.shape) if found.patch_map is None else found.patch_map
+        write_frame(self.scratch, number, fields=fields | {PATCH: numbers.astype(np.float32)})
+
+    def number_patches(self, good: Sequence[int]) -> list[dict[int, int]]:
+        """Give the patches of the frames `good`, in order, lasting numbers; return them by the frame's own."""
+        every, track, names = read_frames(self.scratch, (PATCH,))[PATCH], PatchTracker(), []
+        for number in good:
+            names.append(track.follow(every[number].astype(np.intp)))
+            write_frame(self.scratch, number, fields={PATCH: np.asarray(track.numbered, dtype=np.float32)})
+        return names
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
         """Put the store in place; `good` are the numbers of the frames that have tractions."""
         if self.form == "zarr":
             end_frames(self.scratch, self.path)
             return
-        arrays = {name: field[good] for name, field in read_frames(self.scratch, FIELDS).items()}
+        arrays = {name: field[good] for name, field in read_frames(self.scratch, (*FIELDS, PATCH)).items()}
         names = np.array([frames[number] for number in good], dtype=np.str_)
         with replacing(self.path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, frame=names, **arrays, **self._about())
@@ -97,7 +109,8 @@ class FrameForce:
     `depth_mm` is the greatest depth of the contact, `place_mm` the centre of pressure on the pad, `measured_N` the
     F/T sensor's force at the time; NaN: unknown. `reading_clipped`: the F/T sensor was at the end of its range in
     the press. `model_std_N`: the solver's own part of fz's std; `cut`: the share of the contact's outline on the
-    picture's border.
+    picture's border. `could_hide_N` is the upper 95 % limit of an unseen normal force; `patches` have a row of
+    PATCH_COLUMNS each.
     """
 
     frame: str
@@ -114,6 +127,9 @@ class FrameForce:
     reading_clipped: bool = False
     model_std_N: float = float("nan")
     cut: float = 0.0
+    moment_std_Nmm: Triple = NOTHING
+    could_hide_N: float = float("nan")
+    patches: tuple[tuple[float, ...], ...] = ()
 
     @property
     def read(self) -> bool:
@@ -215,7 +231,9 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags),
                       model_std_N=found.model_std_N,
-                      cut=_cut(pressure > 0) if CUT in found.flags else 0.0)  # fmt: skip
+                      cut=_cut(pressure > 0) if CUT in found.flags else 0.0,
+                      moment_std_Nmm=found.moment_std_Nmm or NOTHING, could_hide_N=found.could_hide_N,
+                      patches=tuple(one.row for one in found.patches))  # fmt: skip
 
 
 def _cut(touching: Bools) -> float:
@@ -296,10 +314,11 @@ class Readings:
 # Tractions and resultants of all frames of a recording, with the F/T readings: streamed on all cores and resumed
 # where a run was interrupted (batch/jobs.py).
 
-TABLE = "resultants.csv"
+TABLE, PATCHES = "resultants.csv", "patches.csv"
 AXES = ("fx", "fy", "fz")
 COLUMNS = ("frame", "time_s", *(f"{a}_N" for a in AXES), *(f"{a}_std_N" for a in AXES), "mx_Nmm", "my_Nmm",
-           "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES))  # fmt: skip
+           "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES),
+           *STDS[3:], "could_hide_N", "patches")  # fmt: skip
 
 
 def force_folder(
@@ -320,10 +339,15 @@ def force_folder(
     readings = Readings(recording, clock_offset_s)
 
     def end(done: list[FrameForce]) -> tuple[FrameForce, ...]:
-        rows = tuple(with_reading(row, readings) for row in done)
-        job.store.end(recording.frame_names, [number for number, row in enumerate(rows) if row.read])
+        rows = [with_reading(row, readings) for row in done]
+        good = [number for number, row in enumerate(rows) if row.read]
+        for number, names in zip(good, job.store.number_patches(good), strict=True):
+            lasting = sorted((float(names[int(own)]), *values) for own, *values in rows[number].patches)
+            rows[number] = replace(rows[number], patches=tuple(lasting))
+        job.store.end(recording.frame_names, good)
         write_text(job.out / TABLE, table(rows))
-        return rows
+        write_text(job.out / PATCHES, csv_text([("frame", "time_s", *PATCH_COLUMNS), *patch_cells(rows)]))
+        return tuple(rows)
 
     return run_job(recording, job, end=end, workers=workers, cluster=cluster, progress=progress)
 
@@ -399,7 +423,19 @@ def table(rows: Sequence[FrameForce]) -> str:
 def _cells(row: FrameForce) -> tuple[str, ...]:
     numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
     about = (row.why or row.flags, row.press)
-    return (row.frame, table_cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
+    limits = (*row.moment_std_Nmm, row.could_hide_N, len(row.patches) if row.read else np.nan)
+    return (
+        row.frame,
+        table_cell(row.time_s),
+        *map(_cell, numbers),
+        *about,
+        *map(_cell, (*row.measured_N, *limits)),
+    )
+
+
+def patch_cells(rows: Sequence[FrameForce]) -> list[tuple[str, ...]]:
+    """Return the lines of patches.csv, one for each patch of each frame."""
+    return [(row.frame, table_cell(row.time_s), *map(_cell, one)) for row in rows for one in row.patches]
 
 
 def _untouched(recording: Recording) -> Untouched | None:

@@ -16,8 +16,9 @@ from tactilevision.force.compliance import GelCompliance
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records.display import Displayed, Summary, number
 from tactilevision.records.maps import Footprint, HeightMap, TractionMap
-from tactilevision.records.measured import Bools, Bytes, Material, Wrench
+from tactilevision.records.measured import Bools, Bytes, Material
 from tactilevision.records.rig import Indenter, Sensor
+from tactilevision.records.wrench import Patch, Wrench
 
 if TYPE_CHECKING:
     from tactilevision.press.certified_faces import DepthScale
@@ -105,3 +106,8 @@ class Seen(Displayed):
     def wrench(self) -> Wrench | None:
         """Return force (N) and moment (N mm) with their deviations; None where no force is known."""
         return None if self.tractions is None else self.tractions.wrench
+
+    @property
+    def patches(self) -> tuple[Patch, ...]:
+        """Return the contact patches, numbered within the frame; `Stream` keeps numbers over frames."""
+        return () if self.tractions is None else self.tractions.patches

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 Z95 = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
+Z90 = 1.645  # standard deviations above which 5 % of a normal distribution lies: a one-sided 95 % limit
 KILO = 1e3  # m to mm, N to mN, s to ms
 MILLI = 1 / KILO  # mm to m, mN to N, ms to s
 MICRO = MILLI**2  # um to m, uN to N, us to s

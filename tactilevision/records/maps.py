@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import InputError, library
 from tactilevision.records.display import Displayed, Summary, figure, number
-from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Wrench
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair
+from tactilevision.records.wrench import Patch, Triple, Wrench
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Cells = npt.NDArray[np.intp]  # numbers of patches by place
 _UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
 
@@ -228,31 +231,43 @@ class TractionMap:
     `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the
     place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border,
     ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the
-    pad's centre, r x F. `depth_mm` is the greatest depth of the contact, `model_std_N` the solver's own part of
-    fz's std. NaN: not measured.
+    pad's centre, r x F; `covariance` (6, 6) of force and moment. `depth_mm` is the greatest depth of the contact,
+    `model_std_N` the solver's own part of fz's std. NaN: not measured.
+
+    `patches` are the contacts, of which the wrench is the sum; `patch_map` (H, W) has their numbers, 0 outside.
+    Where nothing touches, `could_hide_N` is the upper 95 % limit of the normal force of an unseen contact.
     """
 
     t_x: Floats
     t_y: Floats
     t_z: Floats
     mm_per_px: Pair
-    resultant_N: tuple[float, float, float]
-    resultant_std_N: tuple[float, float, float]
+    resultant_N: Triple
+    resultant_std_N: Triple
     flags: tuple[str, ...] = ()
     first_mm: Pair = (float("nan"), float("nan"))
     std_MPa: Floats | None = None
-    moment_Nmm: tuple[float, float, float] | None = None
-    moment_std_Nmm: tuple[float, float, float] | None = None
+    moment_Nmm: Triple | None = None
+    moment_std_Nmm: Triple | None = None
     depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""
     model_std_N: float = float("nan")
+    covariance: Floats | None = None
+    patches: tuple[Patch, ...] = ()
+    patch_map: Cells | None = None
+    could_hide_N: float = float("nan")
 
     @property
     def wrench(self) -> Wrench:
-        """Force and moment in one."""
+        """Return force and moment about the pad's centre in one."""
         moment, moment_std = self.moment_Nmm or _UNKNOWN, self.moment_std_Nmm or _UNKNOWN
-        return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std)
+        return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std, self.covariance)
+
+    @property
+    def nodal_N(self) -> Floats:
+        """Return the force (3, H, W) of each node, N: traction times area."""
+        return np.stack([self.t_x, self.t_y, self.t_z]) * (self.mm_per_px[0] * self.mm_per_px[1])
 
 
 # Flags of a height map as a whole, and what each of them means.

@@ -145,16 +145,3 @@ class Material:
                 known = Estimate.normal(value, float(np.sqrt(self.covariance[k, k])), unit)
             found[name] = known.as_json()
         return found
-
-
-@dataclass(frozen=True, slots=True)
-class Wrench:
-    """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about the pad's centre, each with its standard deviation.
-
-    NaN: not measured, as fx and fy without marks or texture to track.
-    """
-
-    force_N: tuple[float, float, float]
-    force_std_N: tuple[float, float, float]
-    moment_Nmm: tuple[float, float, float]
-    moment_std_Nmm: tuple[float, float, float]

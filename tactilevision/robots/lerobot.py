@@ -19,12 +19,13 @@ from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes, Floats
+from tactilevision.records.wrench import COMPONENTS, PATCH_COLUMNS, STDS
 from tactilevision.robots.lerobot_dataset import INFO, STATS, DataSet, episode_files, parts
-from tactilevision.robots.log_export import COMPONENTS
 from tactilevision.robots.logs import library
 
 # The new features: their schema for LeRobot, and their values for one frame.
 
+MOST_PATCHES = 4  # patches of a frame; a feature has one size
 STEP_MM = 2.0**-10  # mm: depths are rounded to this, far below their deviation, so that tables pack well
 
 
@@ -51,15 +52,22 @@ def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dic
     }
     if sensor.field is not None:
         found[f"{base}.wrench"] = _feature("float32", [6], list(COMPONENTS))
+        found[f"{base}.wrench_std"] = _feature("float32", [6], list(STDS))
+        found[f"{base}.could_hide_N"] = _feature("float32", [1], None)
+        names = [f"{name}_{k}" for k in range(1, MOST_PATCHES + 1) for name in PATCH_COLUMNS]
+        found[f"{base}.patches"] = _feature("float32", [len(names)], names)
     return found
 
 
 def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str, Any]:
     """Return the features of a frame (H, W, 3) uint8; one that cannot be read is all NaN, with the reason as flag.
 
-    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm.
+    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm,
+    and its deviation; `could_hide_N`; `patches`, those of the greatest normal force, PATCH_COLUMNS each.
     """
-    unknown = {"peak_mm": np.nan, "area_mm2": np.nan, "wrench": np.full(6, np.nan, np.float32)}
+    unknown: dict[str, Any] = dict.fromkeys(("peak_mm", "area_mm2", "could_hide_N"), np.nan)
+    sizes = {"wrench": 6, "wrench_std": 6, "patches": MOST_PATCHES * len(PATCH_COLUMNS)}
+    unknown |= {name: np.full(size, np.nan, np.float32) for name, size in sizes.items()}
     try:
         seen = sensor.read(rgb)
     except InputError as fault:
@@ -69,15 +77,20 @@ def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str
     height, wrench = seen.height, seen.wrench
     depth = np.where(height.valid, height.depth_mm, np.nan)
     pressed = seen.contact & height.valid
-    found = {
+    found: dict[str, Any] = {
         "depth_mm": shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink).astype(np.float32),
         "contact": bool(seen.contact.any()),
         "peak_mm": float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
         "area_mm2": float(seen.contact.sum() * np.prod(height.mm_per_px)),
         "flags": "; ".join(seen.flags),
     }
-    if wrench is not None:
-        found["wrench"] = np.array([*wrench.force_N, *wrench.moment_Nmm], np.float32)
+    if wrench is not None and seen.tractions is not None:
+        found["wrench"] = wrench.values.astype(np.float32)
+        found["wrench_std"] = np.array([*wrench.force_std_N, *wrench.moment_std_Nmm], np.float32)
+        found["could_hide_N"] = seen.tractions.could_hide_N
+        strongest = sorted(seen.patches, key=lambda one: -one.wrench.force_N[2])[:MOST_PATCHES]
+        found["patches"] = unknown["patches"].copy()
+        found["patches"][: len(strongest) * len(PATCH_COLUMNS)] = [value for one in strongest for value in one.row]
     return unknown | found
 
 

@@ -21,13 +21,15 @@ from tactilevision.contact.region import (
 )
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
+from tactilevision.force.patches import PatchTracker
 from tactilevision.heightmap.ball_validation import check_fit
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
-from tactilevision.records.measured import Bytes, Floats, Wrench
+from tactilevision.records.measured import Bytes, Floats
 from tactilevision.records.rig import Indenter
+from tactilevision.records.wrench import COMPONENTS, PATCH_COLUMNS, STDS, Patch, Wrench
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
 
@@ -62,6 +64,11 @@ class Moment:
         """Return force and moment."""
         return None if self.tractions is None else self.tractions.wrench
 
+    @property
+    def patches(self) -> tuple[Patch, ...]:
+        """Return the contact patches, whose numbers the stream keeps over frames; none where no force is known."""
+        return () if self.tractions is None else self.tractions.patches
+
 
 class Stream:
     """Read frames one after another, each into a `Moment`. Not thread-safe.
@@ -93,6 +100,7 @@ class Stream:
         self.indenter = indenter or (self.sensor.indenter if self.sensor else None)
         self.renew, self.frames = renew, 0
         self._last: Footprint | None = None
+        self._numbered = PatchTracker()
 
     def take(self, frame: Frame) -> Moment:
         """Read the next frame. Raises InputError for one that cannot be read, after which the stream goes on."""
@@ -115,6 +123,7 @@ class Stream:
             if held is not height:
                 height, peak_mm = held, float(held.depth_mm[held.valid].max())
             tractions = self.sensor.tractions(height, rgb)
+            tractions = None if tractions is None else self._numbered(tractions)
         known = LIGHT not in height.flags and least_mm < CONTACT.live_blind_mm
         if not contact and known and self.renew > 0:
             self.reconstructor.follow(rgb, self.renew)
@@ -163,14 +172,13 @@ def _sampled(height: HeightMap) -> HeightMap:
 
 # The loop over the frames of a stream.
 
-AXES = ("x", "y", "z")
+# columns of live.csv, a line for each frame
 COLUMNS = (
     *("frame", "time_s", "contact", "peak_mm"),
-    *(f"f{axis}_N" for axis in AXES),
-    *(f"f{axis}_std_N" for axis in AXES),
-    *(f"m{axis}_Nmm" for axis in AXES),
-    *("age_ms", "flags"),
+    *(*COMPONENTS[:3], *STDS[:3], *COMPONENTS[3:]),
+    *("age_ms", "flags", *STDS[3:], "could_hide_N", "patches"),
 )
+OF_PATCHES = ("frame", "time_s", *PATCH_COLUMNS)
 # ms: upper edges of the histogram of ages
 EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
 KEPT = 2000  # ages of the last frames, from which the 95th percentile is taken
@@ -187,17 +195,29 @@ class LiveResult:
     def as_row(self) -> str:
         """Return a line of live.csv; unknown values are empty."""
         moment, wrench = self.moment, self.moment.wrench
-        force = (*wrench.force_N, *wrench.force_std_N, *wrench.moment_Nmm) if wrench else (math.nan,) * 9
-        numbers = (moment.peak_mm, *force, self.age_ms)
-        cells = [f"{number:.6g}" if math.isfinite(number) else "" for number in numbers]
+        force, std, hidden = (math.nan,) * 9, (math.nan,) * 3, math.nan
+        if wrench is not None and moment.tractions is not None:
+            force, std = (*wrench.force_N, *wrench.force_std_N, *wrench.moment_Nmm), wrench.moment_std_Nmm
+            hidden = moment.tractions.could_hide_N
         row = [
             self.shot.name,
             f"{self.shot.time_s:.6f}",
             int(moment.contact),
-            *cells,
+            *map(_cell, (moment.peak_mm, *force, self.age_ms)),
             " ".join(moment.height.flags),
+            *map(_cell, (*std, hidden)),
+            len(moment.patches) if wrench is not None else "",
         ]
         return csv_text([row])
+
+    def patch_rows(self) -> str:
+        """Return the lines of patches.csv, one for each patch; unknown values are empty."""
+        about = (self.shot.name, f"{self.shot.time_s:.6f}")
+        return csv_text([[*about, *map(_cell, one.row)] for one in self.moment.patches])
+
+
+def _cell(number: float) -> str:
+    return f"{number:.6g}" if math.isfinite(number) else ""
 
 
 @dataclass

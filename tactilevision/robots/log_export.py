@@ -21,6 +21,7 @@ from tactilevision.recording.tables import read_table
 from tactilevision.records.constants import MILLI
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats
+from tactilevision.records.wrench import COMPONENTS
 from tactilevision.robots.logs import library
 from tactilevision.robots.messages import IMAGE, WRENCH, typestore
 
@@ -105,7 +106,6 @@ def _header(time_ns: int, frame_id: str, encoding: str) -> Any:
 
 DEPTH_TOPIC, WRENCH_TOPIC = "/tactile/depth", "/tactile/wrench"
 PAD = "gel_pad"  # frame of reference: x right, y down, z into the gel, from the pad's centre
-COMPONENTS = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
 _RESULTANTS = Columns(words=("frame",), maybe_numbers=COMPONENTS)
 
 

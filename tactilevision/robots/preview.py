@@ -9,7 +9,7 @@ import re
 import struct
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.local_page import TEXT, Answer, Link, LocalPage
 from tactilevision.records.constants import MILLI
 from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.wrench import PATCH_COLUMNS
 from tactilevision.robots.live import LiveResult
 from tactilevision.sensors.rectification import rectify
 
@@ -82,8 +83,10 @@ def words(result: LiveResult, *, rate_Hz: float) -> tuple[str, ...]:
     """Return the lines below the pictures."""
     moment, wrench = result.moment, result.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
-    pushed = wrench is not None and (moment.contact or np.any(wrench.force_N))
-    lines = [f"{result.shot.name}: {touch}" + (", no force" if wrench is not None and not pushed else "")]
+    pushed = wrench is not None and (moment.contact or np.any(np.nan_to_num(wrench.force_N)))
+    hidden_N = math.nan if moment.tractions is None else moment.tractions.could_hide_N
+    limit = f" above {hidden_N:.3f} N" if math.isfinite(hidden_N) else ""
+    lines = [f"{result.shot.name}: {touch}" + (f", no force{limit}" if wrench is not None and not pushed else "")]
     if wrench is not None and pushed:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
@@ -125,15 +128,20 @@ class Preview(LocalPage):
 # The websocket is a local page's: it needs the token, and the Origin of Foxglove if it states one. A slow viewer
 # misses frames.
 # Topics: /picture the rectified frame (RawImage), /depth the map and /tractions the forces as grids (Grid; places
-# on the pad from its centre, in metres; MPa), /wrench and /state as JSON. Times are this machine's, since 1970.
+# on the pad from its centre, in metres; MPa), /wrench, /patches and /state as JSON. Times are this machine's,
+# since 1970.
 
 PAD = "pad"  # frame of reference of all topics
 S_TO_NS = 10**9  # nanoseconds in a second
 PORT = 8765  # the default port of Foxglove
 MESSAGE = 1  # first byte of a message of the protocol with data
-MAX_ASKED = 100  # subscriptions of one viewer; there are five topics
+MAX_ASKED = 100  # subscriptions of one viewer; there are six topics
 _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
-_WRENCH = dict.fromkeys(("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm"), _NUMBERS)
+_NUMBER = {"type": ["number", "null"]}
+_ABOUT_WRENCH = ("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm", "covariance", "point_mm")
+_WRENCH = dict.fromkeys(_ABOUT_WRENCH, _NUMBERS) | {"could_hide_N": _NUMBER}
+_PATCH = {"type": "object", "properties": dict.fromkeys(PATCH_COLUMNS, _NUMBER)}
+_PATCHES = {"patches": {"type": "array", "items": _PATCH}}
 _STATE = {
     "contact": {"type": "boolean"},
     **{key: {"type": "number"} for key in ("peak_mm", "age_ms", "rate_Hz")},
@@ -160,7 +168,7 @@ class Foxglove:
         from foxglove.messages import Grid, RawImage
 
         context = self._context = foxglove.Context()  # its channels close with it
-        plain = {"/wrench": _WRENCH, "/state": _STATE}
+        plain = {"/wrench": _WRENCH, "/patches": _PATCHES, "/state": _STATE}
         schemas = {topic: {"type": "object", "properties": schema} for topic, schema in plain.items()}
         kinds = {"/picture": RawImage, "/depth": Grid, "/tractions": Grid}
         schemas |= {topic: kind.get_schema() for topic, kind in kinds.items()}
@@ -227,7 +235,10 @@ class Foxglove:
             return
         fields = {"t_x": found.t_x, "t_y": found.t_y, "t_z": found.t_z}
         yield "/tractions", _grid(fields, found.mm_per_px, stamp=stamp, first_mm=found.first_mm)
-        yield "/wrench", _json({name: _plain(getattr(wrench, name)) for name in _WRENCH})
+        about = {name: _plain(np.ravel(getattr(wrench, name))) for name in _ABOUT_WRENCH}
+        yield "/wrench", _json(about | {"could_hide_N": _plain((found.could_hide_N,))[0]})
+        rows = [dict(zip(PATCH_COLUMNS, _plain(one.row), strict=True)) for one in found.patches]
+        yield "/patches", _json({"patches": rows})
 
 
 class Streamed(LocalPage):
@@ -335,6 +346,6 @@ def _stamp(at_ns: int) -> Any:
     return Timestamp(sec=at_ns // 10**9, nsec=at_ns % 10**9)
 
 
-def _plain(values: tuple[float, ...]) -> list[float | None]:
+def _plain(values: Iterable[float]) -> list[float | None]:
     """Replace NaN and infinity, which JSON lacks, by None."""
-    return [value if math.isfinite(value) else None for value in values]
+    return [float(value) if math.isfinite(value) else None for value in values]

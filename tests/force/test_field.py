@@ -17,7 +17,7 @@ from tactilevision.records.maps import HeightMap, Positions, ShearMap
 from tactilevision.records.measured import Material
 from tactilevision.records.rig import Gel
 
-LINEAR = ForceSettings(depth_correlation_px=1, large_depth=False)
+LINEAR = ForceSettings(large_depth=False)
 FORCE = (0.12, -0.08, 0.6)
 
 
@@ -94,6 +94,8 @@ def test_scatter_over_noise_is_what_propagation_says(field: ForceField) -> None:
     scatter = forces.std(axis=0, ddof=1)
     assert (scatter < 1.6 * np.asarray(alone.resultant_std_N)).all()
     assert (np.abs(forces - FORCE).max(axis=0) < 4 * np.asarray(alone.resultant_std_N)).all()
+    off = np.abs(forces.mean(axis=0) - FORCE)
+    assert (off < 3 * scatter / np.sqrt(len(forces)) + 0.004 * np.abs(FORCE)).all(), "no clipping bias"
 
 
 def test_no_cell_pulls_unless_the_gel_may_be_pulled(field: ForceField, press: tuple[HeightMap, ShearMap]) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from tactilevision.errors import InputError
 from tactilevision.force.compliance import candidate_cells, roughness
 from tactilevision.force.kernel import layer_cells
-from tactilevision.force.nodes import Observation, cell_means, lay_grid, mean_std
+from tactilevision.force.nodes import NodeGrid, cell_means, lay_grid
+from tactilevision.force.noise import CellNoise, measured_noise, stated_noise
+from tactilevision.force.observe import Observation
 from tactilevision.records.measured import Bools, Floats
 
 
@@ -46,10 +49,24 @@ def test_cell_means_of_a_plane_are_its_values_at_the_middles() -> None:
     assert np.abs(means - (0.3 * grid.x_mm[None, :] - 0.2 * grid.y_mm[:, None])).max() < 0.3 * 0.13 / 2
 
 
-def test_noise_of_a_mean_falls_with_pixels_until_they_are_alike() -> None:
-    grid = lay_grid((100, 100), (0.1, 0.1), spacing_mm=0.5)
-    assert mean_std(grid, 0.01, correlation_px=1.0) == pytest.approx(0.002)
-    assert mean_std(grid, 0.01, correlation_px=50.0) == pytest.approx(0.01)
+@pytest.mark.parametrize("length_mm", [0.1, 1.5])
+def test_the_noise_of_a_mean_follows_from_its_correlation_length(length_mm: float) -> None:
+    """By the definition: the mean over an area A has the variance s^2 l^2/A; and the same is measured on a map."""
+    grid, rng = lay_grid((400, 400), (0.1, 0.1), spacing_mm=0.5), np.random.default_rng(3)
+    pixels = rng.standard_normal((400, 400))
+    if length_mm > 0.1:
+        pixels = 15 * gaussian_filter(pixels, 15 / np.sqrt(4 * np.pi), mode="wrap")
+    depth, known = cell_means(grid, 0.01 * pixels, valid=None)
+    square = grid.shape[0] * grid.shape[1]
+    mean, every = np.full((1, square), 1 / square), np.arange(square)
+    stated, area = stated_noise(0.01, length_mm, grid), square * grid.cell_mm2
+    assert stated.total[0, 0] == pytest.approx(depth.std(), rel=0.08)
+    assert stated.propagate(mean, every)[0, 0] == pytest.approx(0.01**2 * length_mm**2 / area, rel=0.05)
+    found = measured_noise(grid, depth, np.full(grid.shape, 0.02), known)
+    assert found is not None
+    few = np.flatnonzero(np.hypot(*np.meshgrid(grid.x_mm, grid.y_mm)) < 2.5)
+    total = [one.propagate(np.ones((1, len(few))), few)[0, 0] for one in (found, stated)]
+    assert total[0] == pytest.approx(total[1], rel=0.3)
 
 
 def test_a_scale_or_spacing_that_makes_no_grid_is_refused() -> None:
@@ -69,7 +86,10 @@ def test_roughness_leaves_a_constant_alone_and_sees_a_step() -> None:
 
 
 def seen(depth_mm: Floats, std_mm: Floats, known: Bools) -> Observation:
-    return Observation(depth_mm[None], np.zeros(1), known, (), std_mm)
+    grid, none = NodeGrid((20, 20), 0.5, (100, 100), (0.1, 0.1)), np.zeros((20, 20))
+    return Observation(
+        depth_mm[None], np.zeros(1), known, (), (CellNoise(grid, std_mm, none, none, 1.0),), None, known
+    )
 
 
 def test_a_single_deep_cell_is_noise_and_a_group_is_a_contact() -> None:

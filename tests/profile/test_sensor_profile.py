@@ -88,7 +88,10 @@ def test_nothing_touches_free_gel(sensor: CalibratedSensor) -> None:
     assert not seen.contact.any()
     assert seen.footprint is None
     assert seen.wrench is not None
-    assert seen.wrench.force_N == (0.0, 0.0, 0.0)
+    assert seen.wrench.force_N[2] == 0.0
+    assert np.isnan(seen.wrench.force_N[:2]).all(), "what was not measured is not 0"
+    assert seen.tractions is not None
+    assert seen.tractions.could_hide_N > 0
 
 
 def test_a_batch_is_its_frames(sensor: CalibratedSensor) -> None:
@@ -142,7 +145,7 @@ def test_stream_and_force_field_take_the_sensor(sensor: CalibratedSensor) -> Non
     expected = sensor.read(pressed()).wrench
     assert [moment.contact for moment in moments] == [False, True]
     assert moments[0].wrench is not None
-    assert moments[0].wrench.force_N == (0.0, 0.0, 0.0)
+    assert moments[0].wrench.force_N[2] == 0.0
     assert moments[1].wrench is not None
     assert expected is not None
     assert moments[1].wrench.force_N[2] == pytest.approx(expected.force_N[2], rel=0.01)

@@ -1,0 +1,154 @@
+"""Upper limit of the normal force that a map without contact may hide.
+
+A hidden contact is a flat punch or a ball, its contact radius a from one cell to one thickness, pressed in by w.
+It sinks the cells by w T and has the force w P, both of the frictionless layer. At every place the depths u of
+deviation s are compared with T by a filter F, T over the power of the noise,
+
+    w = sum(F u/s^2) / sum(F T/s^2),
+
+so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these
+over shapes, radii and places is the limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+from scipy.signal import fftconvolve
+
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.kernel import layer_cells
+from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.noise import likeness
+from tactilevision.force.observe import Observation
+from tactilevision.records.constants import TINY, Z90
+from tactilevision.records.measured import Floats
+
+Waves = npt.NDArray[np.complexfloating]
+RADII = 3  # contact radii from one cell to one thickness, in equal steps of their logarithm
+FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
+FINE = 6  # fine cells over a radius
+SEEN_SHARE = 0.5  # least share of a template's square on known cells
+FAINT = 0.05  # of the deepest: cells of a template beyond are left out
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """Depth (k, k) of the cells by a contact of unit depth, and its force in units of E, N/mm per MPa."""
+
+    depth: Floats
+    force: float
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Limits of hidden forces on a gel."""
+
+    compliance: GelCompliance
+
+    def limit(self, seen: Observation, *, relative_std: float = 0.0) -> float:
+        """Return the upper 95 % limit of a hidden normal force in units of E (MPa); NaN where too little is known.
+
+        `relative_std` is the uncertainty of E.
+        """
+        noise, known = seen.noise[-1], seen.known
+        if not known.any():
+            return float("nan")
+        std = np.maximum(noise.total, TINY)
+        weight, (rows, columns) = np.where(known, 1 / std**2, 0.0), known.shape
+        parts = (noise.white, noise.slow, noise.shared)
+        white, slow, shared = (float(np.mean((one[known] / std[known]) ** 2)) for one in parts)
+        power = white + slow * _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
+        (waves, squares), pair = self._waves, np.stack([weight * seen.displacement_mm[-1], weight])
+        filters = waves / np.maximum(power, FLOOR)
+        gain = self._inner(filters * np.conj(waves))
+        spread = np.sqrt(self._inner(np.abs(filters) ** 2 * power) + shared * np.abs(filters[:, 0, 0]) ** 2)
+        spectra = fft.rfft2(pair.astype(np.float32), self._shape)
+        fitted, square = (
+            fft.irfft2(one * form, self._shape)[:, :rows, :columns]
+            for one, form in zip(spectra, (filters, squares), strict=True)
+        )
+        norm = self._inner(np.abs(waves) ** 2)[:, None, None]
+        usable = square > SEEN_SHARE * np.median(weight[known]) * norm
+        share, gain = np.maximum(square, TINY) / norm, gain[:, None, None]
+        depth_mm = np.maximum(fitted / (gain * share), 0.0)
+        upper_mm = depth_mm + Z90 * np.hypot(
+            spread[:, None, None] / (gain * np.sqrt(share)), relative_std * depth_mm
+        )
+        forces = np.array([one.force for one in self.templates])
+        return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
+
+    @cached_property
+    def templates(self) -> tuple[Template, ...]:
+        """Return the contacts that may hide."""
+        grid, thickness = self.compliance.grid, self.compliance.gel.thickness_mm
+        radii = np.geomspace(grid.spacing_mm, max(thickness, grid.spacing_mm), RADII)
+        nu = self.compliance.poisson_ratio
+        return tuple(
+            one for a in radii for one in _templates(a, grid.spacing_mm, thickness_mm=thickness, poisson_ratio=nu)
+        )
+
+    @cached_property
+    def _shape(self) -> tuple[int, int]:
+        """Return the shape of a transform in which no template wraps onto the cells."""
+        widest = max(len(one.depth) for one in self.templates)
+        rows, columns = (fft.next_fast_len(n + widest, real=True) for n in self.compliance.grid.shape)
+        return rows, columns
+
+    @cached_property
+    def _waves(self) -> tuple[Waves, Waves]:
+        """Return the conjugate transforms (templates, ky, kx) of the templates and of their squares."""
+        placed = np.zeros((len(self.templates), *self._shape), dtype=np.float32)
+        for to, one in zip(placed, self.templates, strict=True):
+            half = len(one.depth) // 2
+            to[: len(one.depth), : len(one.depth)] = one.depth
+            to[:] = np.roll(to, (-half, -half), axis=(0, 1))
+        return np.conj(fft.rfft2(placed)), np.conj(fft.rfft2(placed**2))
+
+    def _inner(self, waves: Waves | Floats) -> Floats:
+        """Return the sum (templates,) over the plane whose half the transforms hold."""
+        twice = np.full(waves.shape[-1], 2.0)
+        twice[0] = 1.0
+        if self._shape[1] % 2 == 0:
+            twice[-1] = 1.0
+        return np.asarray((waves.real * twice).sum(axis=(1, 2)) / np.prod(self._shape))
+
+
+@lru_cache(maxsize=32)
+def _slow_power(length: float, shape: tuple[int, int]) -> Floats:
+    """Return the power (ky, kx) of slow noise of unit deviation, for a correlation `length` in cells."""
+    down, across = (likeness(length, n)[np.minimum(np.arange(n), n - np.arange(n))] for n in shape)
+    return np.maximum(fft.rfft2(np.outer(down, across)).real, 0.0)
+
+
+def _templates(
+    radius_mm: float, cell_mm: float, *, thickness_mm: float, poisson_ratio: float
+) -> tuple[Template, Template]:
+    """Return the punch and the ball of a contact radius, solved on cells finer than the radius.
+
+    The pressure of a ball is that of depths d - r^2/2R, where d and R leave none at the edge.
+    """
+    split = int(np.ceil(FINE * cell_mm / radius_mm))
+    fine_mm, count = cell_mm / split, (2 * int(np.ceil((radius_mm + thickness_mm / 2) / cell_mm)) + 1) * split
+    grid = NodeGrid((count, count), fine_mm, (count, count), (fine_mm, fine_mm))
+    layer = layer_cells(grid, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    r = np.hypot(*np.meshgrid(grid.x_mm, grid.y_mm)).ravel()
+    touching = np.flatnonzero(r <= radius_mm)
+    punch, bowl = np.linalg.solve(
+        layer.block(touching, 1), np.stack([np.ones(len(touching)), r[touching] ** 2], axis=1)
+    ).T
+    edge = r[touching] > radius_mm - fine_mm
+    level = float(bowl[edge].sum() / punch[edge].sum())
+    kernel = layer.table.reshape(2 * count - 1, 2 * count - 1, 9)[..., 8]
+    found = []
+    for pressure in (punch, np.maximum(level * punch - bowl, 0.0) / level):
+        field = np.zeros((count, count))
+        field.flat[touching] = pressure
+        moved = fftconvolve(kernel, field, mode="valid")
+        cells = moved.reshape(count // split, split, count // split, split).mean(axis=(1, 3))
+        found.append(Template(np.where(cells > FAINT, cells, 0.0), float(pressure.sum() * fine_mm**2)))
+    return found[0], found[1]
