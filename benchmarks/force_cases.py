@@ -57,7 +57,11 @@ class Forward:
         k_y = 2 * np.pi * np.fft.fftfreq(self.count[0], step)[:, None]
         k_x = 2 * np.pi * np.fft.fftfreq(self.count[1], step)[None, : self.count[1] // 2 + 1]
         self.compliance = surface_compliance(
-            k_x, k_y, modulus=material.youngs_modulus_MPa, nu=material.poisson_ratio, thickness=gel.thickness_mm
+            np.asarray(k_x, float),
+            np.asarray(k_y, float),
+            modulus=material.youngs_modulus_MPa,
+            nu=material.poisson_ratio,
+            thickness=gel.thickness_mm,
         )
 
     def __call__(self, traction: Floats) -> Floats:
@@ -134,11 +138,11 @@ def draw_case(kind: str, view: View, rng: np.random.Generator) -> Floats:
         return _patch(kind, view, a, c, rng) + _patch(kind, view, b, d, rng)
     a = rng.uniform(1.2, 3.0)
     if kind == SLIPPING:
-        c, stuck, place = rng.uniform(0.3, 0.95) * a, rng.uniform(0, 2 * np.pi), centre(a)
+        core, stuck, place = rng.uniform(0.3, 0.95) * a, rng.uniform(0, 2 * np.pi), centre(a)
         square = (x - place[0]) ** 2 + (y - place[1]) ** 2
-        whole, core = (np.sqrt(np.clip(1 - square / r**2, 0, None)) for r in (a, c))
+        whole, inner = (np.sqrt(np.clip(1 - square / r**2, 0, None)) for r in (a, core))
         normal = _loaded(whole, view, rng.uniform(0.1, 0.25) * a**2, rng)[2]
-        lag = rng.uniform(0.3, 1.0) * (whole - c / a * core) * normal.sum() / whole.sum()
+        lag = rng.uniform(0.3, 1.0) * (whole - core / a * inner) * normal.sum() / whole.sum()
         return np.stack([np.cos(stuck) * lag, np.sin(stuck) * lag, normal])
     return _patch(kind, view, a, centre(a), rng)
 

@@ -22,12 +22,13 @@ import tomli_w
 from benchmarks.force_cases import Forward, View, at_camera
 from tactilevision.files.writing import write_text
 from tactilevision.force.comparison import write_comparison
-from tactilevision.force.field import ForceField, ForceSettings, triple
+from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.frame import FrameForce, Solved, as_force
 from tactilevision.recording.model import Recording
 from tactilevision.records.maps import Frame, HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
+from tactilevision.records.wrench import triple
 
 VIEW = View((90, 120), 0.171, 4)
 SCALE = (VIEW.mm_per_px, VIEW.mm_per_px)

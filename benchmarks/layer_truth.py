@@ -86,4 +86,5 @@ def _matrices() -> tuple[Floats, Floats, Floats]:
         slope[place] += (g * w) @ g.T * (2 / width) ** 2
         mixed[place] += (f * w) @ g.T * (2 / width)
     free = np.delete(np.arange(size), elements)  # the base is held
-    return tuple(one[np.ix_(free, free)] for one in (mass, slope, mixed))
+    places = np.ix_(free, free)
+    return mass[places], slope[places], mixed[places]

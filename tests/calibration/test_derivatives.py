@@ -39,6 +39,12 @@ BALLS = replace(
 PUNCH = FlatPunch(free_poisson_ratio=True)
 
 
+def in_picture(key: str) -> Effect:
+    found = EFFECTS[key].in_picture()
+    assert found is not None
+    return found
+
+
 def inside(model: Model, data: Observations, seed: int) -> np.ndarray:
     """Values between the bounds, near the defaults of the law and of a usual size of the effects."""
     rng, values = np.random.default_rng(seed), []
@@ -103,7 +109,7 @@ def with_faces() -> Observations:
         ),
         (Model(RoundBody("sphere")) + EFFECTS["depth_zero"], BALLS),
         (Model(Resultant()) + EFFECTS["cut_contact"] + EFFECTS["photometric_gain"], with_resultants()),
-        (Model(ReconstructedDepth()) + EFFECTS["bevel_rise"].in_picture(), with_faces()),
+        (Model(ReconstructedDepth()) + in_picture("bevel_rise"), with_faces()),
         (with_tolerances(Model(PUNCH), TOLERANT), TOLERANT),
     ],
 )

@@ -90,7 +90,7 @@ class Sticking(Truth):
     """A gel that sticks: how much that adds depends on the radius, which looks like another nu."""
 
     def stiffness(self, radius_mm: float, thickness_mm: float = 3.0) -> float:
-        surplus = sticking_surplus(self.poisson_ratio, radius_mm / thickness_mm)
+        surplus = float(sticking_surplus(self.poisson_ratio, radius_mm / thickness_mm))
         return super().stiffness(radius_mm, thickness_mm) * (1 + surplus)
 
 

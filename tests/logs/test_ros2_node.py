@@ -67,13 +67,13 @@ def test_depth_and_wrench_are_messages_with_the_pictures_stamp(sensor: Calibrate
     assert (message.encoding, message.step, message.header.frame_id) == ("32FC1", 960, "gel_pad")
     expected = sensor.read(pressed()).height
     depth_m = np.frombuffer(message.data.tobytes(), "<f4").reshape(180, 240)
-    valid = np.isfinite(depth_m) & expected.valid  # type: ignore[union-attr]
-    np.testing.assert_allclose(depth_m[valid], 1e-3 * expected.depth_mm[valid], atol=1e-5)  # type: ignore[union-attr]
+    valid = np.isfinite(depth_m) & expected.valid
+    np.testing.assert_allclose(depth_m[valid], 1e-3 * expected.depth_mm[valid], atol=1e-5)
     wrench = store.deserialize_cdr(store.serialize_cdr(wrenches[-1], WRENCH), WRENCH)
     assert wrench.header.stamp.nanosec == 7
     found = sensor.read(pressed()).wrench
-    assert wrench.wrench.force.z == pytest.approx(found.force_N[2], rel=0.03)  # type: ignore[union-attr]
-    assert wrench.wrench.torque.x == pytest.approx(1e-3 * found.moment_Nmm[0], rel=0.03)  # type: ignore[union-attr]
+    assert wrench.wrench.force.z == pytest.approx(found.force_N[2], rel=0.03)
+    assert wrench.wrench.torque.x == pytest.approx(1e-3 * found.moment_Nmm[0], rel=0.03)
 
 
 class StandIn:
