@@ -23,10 +23,10 @@ def field() -> ForceField:
 
 def twisted(centre_mm: tuple[float, float]) -> Floats:
     """A pressed patch that is also twisted, so that its shear turns about its centre."""
-    whole: Floats
     whole, (x, y) = hertz(1.8, centre_mm, (0.1, 0.0, 0.5)), VIEW.mesh()
     turn = 0.2 * whole[2]
-    return whole + np.stack([-turn * (y - centre_mm[1]), turn * (x - centre_mm[0]), 0 * turn])
+    added: Floats = np.stack([-turn * (y - centre_mm[1]), turn * (x - centre_mm[0]), 0 * turn])
+    return np.asarray(whole + added, float)
 
 
 def test_patches_add_up_to_the_wrench_and_stand_where_they_were_planted(field: ForceField) -> None:

@@ -72,6 +72,7 @@ def test_depth_and_wrench_are_messages_with_the_pictures_stamp(sensor: Calibrate
     wrench = store.deserialize_cdr(store.serialize_cdr(wrenches[-1], WRENCH), WRENCH)
     assert wrench.header.stamp.nanosec == 7
     found = sensor.read(pressed()).wrench
+    assert found is not None
     assert wrench.wrench.force.z == pytest.approx(found.force_N[2], rel=0.03)
     assert wrench.wrench.torque.x == pytest.approx(1e-3 * found.moment_Nmm[0], rel=0.03)
 
