@@ -160,14 +160,15 @@ def _size(values: Floats) -> float:
     return float(MAD_TO_STD * np.median(np.abs(values))) if values.size else 0.0
 
 
-def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
+def from_contact(grid: NodeGrid, pull: Floats, known: Bools, *, stated: float = np.inf) -> Floats:
     """Return the distance (rows, columns) of each cell from those half as deep as the deepest, mm.
 
-    Noise rises as often as it falls, so a fall that no rise suggests is a contact. Infinite where none is.
+    Noise rises as often as it falls, so a fall that no rise suggests is a contact. Gel that a wide contact has
+    displaced rises too, hence noise is no larger than `stated`, in the unit of `pull`. Infinite where none is.
     """
     if not known.any():
         return np.zeros(grid.shape)
-    rise = -float(np.quantile(pull[known], 0.16))
+    rise = min(-float(np.quantile(pull[known], 0.16)), stated)
     deep = known & (pull > max(float(pull[known].max()) / 2, SURE * rise))
     if not deep.any():
         return np.full(grid.shape, np.inf)

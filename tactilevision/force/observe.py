@@ -76,7 +76,11 @@ def observe(
     depth, known = cell_means(grid, depth_px, valid=finite)
     known &= inside
     stated = _stated_std(grid, height, known)
-    far = known & (from_contact(grid, depth if stated is None else depth / stated, known) > away_mm)
+    if stated is None:
+        distance_mm = from_contact(grid, depth, known)
+    else:
+        distance_mm = from_contact(grid, depth / stated, known, stated=1.0)
+    far = known & (distance_mm > away_mm)
     noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     std = noise_of_cells(depth, known)
     if shear is None:
