@@ -252,14 +252,15 @@ class ForceField:
         return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(SHARE_STD * by_share, MODEL_DEEP * (deep - 1))
 
     def _sticking(self, patches: Patches) -> float:
-        """Return by what fraction the normal force would be greater if nothing had slipped, linearly."""
-        seen, cells = patches.seen, patches.whole.cells
-        depth = seen.displacement_mm[-1].ravel()[cells]
+        """Return by what fraction the normal force would be greater if the touching cells had not slipped at all,
+        linearly. Beside them the gel is free either way.
+        """
+        seen, found = patches.seen, patches.found
+        depth = seen.displacement_mm[-1].ravel()[found.cells]
         held = np.stack([0 * depth, 0 * depth, depth])
         std = np.repeat(seen.std_mm[-1:], 3)
-        stuck = solve(patches.compliance, cells, displacement_mm=held, std_mm=std, adhesive=True)
-        free = patches.found.traction[0].sum() + patches.whole.traction[0].sum()
-        return max(0.0, float(stuck.traction[2].sum() / free) - 1)
+        stuck = solve(patches.compliance, found.cells, displacement_mm=held, std_mm=std, adhesive=True)
+        return max(0.0, float(stuck.traction[2].sum() / found.traction[0].sum()) - 1)
 
 
 def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:
