@@ -159,9 +159,10 @@ class ForceField:
             else np.sqrt(material.covariance[0, 0]) / material.youngs_modulus_MPa
         )
         hidden_N = material.youngs_modulus_MPa * self._unseen.limit(seen, relative_std=float(rel))
-        y, x = np.meshgrid(grid.y_mm, grid.x_mm, indexing="ij")
+        count = np.count_nonzero(seen.known)
         arm_x, arm_y = (
-            float(np.sqrt(np.mean(one[seen.known] ** 2))) if seen.known.any() else np.nan for one in (x, y)
+            np.sqrt(seen.known.sum(axis=axis) @ one**2 / count) if count else np.nan
+            for axis, one in enumerate((grid.x_mm, grid.y_mm))
         )
         levers = np.array([1.0, 1.0, 1.0, arm_y, arm_x, np.hypot(arm_x, arm_y)])
         fields, total = np.zeros((3, seen.known.size)), np.zeros((1, 6))

@@ -78,9 +78,8 @@ class Unseen:
         share = square / norm[:, None, None]
         usable, share = share > SEEN_SHARE, np.maximum(share, FLOOR)
         depth_mm = np.maximum(fitted / (gain[:, None, None] * share), 0.0)
-        upper_mm = depth_mm + Z90 * np.hypot(
-            (spread / (gain * np.sqrt(typical)))[:, None, None] / np.sqrt(share), relative_std * depth_mm
-        )
+        variance = (spread / gain) ** 2 / np.float32(typical)
+        upper_mm = depth_mm + Z90 * np.sqrt(variance[:, None, None] / share + (relative_std * depth_mm) ** 2)
         forces = np.array([one.force for one in self.templates], dtype=np.float32)
         return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
 
