@@ -13,7 +13,8 @@ Terms of the wrench's covariance (patches.py):
 - the force that a hole of the map may hide.
 
 Friction stiffens a punch of a/h .8 by 4 %, one of a/h 1.3 by 11 %, and more with depth. Measured shear contains
-its effect. Without shear, with s the share of its full effect, LIKELY_SHARE +- SHARE_STD,
+its effect. Without shear, s is the share of its full effect: either all or nothing, all with the probability p =
+LIKELY_SHARE, so its mean is p and its variance p (1 - p), and
 
     force = linear, frictionless force (1 + s (stuck - 1)) (1 + s (deep - 1)),
 
@@ -44,7 +45,7 @@ from tactilevision.force.nodes import Cells, NodeGrid, lay_grid
 from tactilevision.force.observe import Observation, observe, with_residual
 from tactilevision.force.patches import MODEL_DEEP, Patches, find_patches
 from tactilevision.force.unseen import Unseen
-from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
+from tactilevision.mechanics.profile import LIKELY_SHARE
 from tactilevision.records.constants import Z90
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Bools, Floats, Material, Pair
@@ -250,7 +251,8 @@ class ForceField:
         stuck = self._sticking(patches)
         more = np.stack([deep - 1, np.full(len(deep), stuck)])
         by_share = np.sum(more / (1 + LIKELY_SHARE * more), axis=0)
-        return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(SHARE_STD * by_share, MODEL_DEEP * (deep - 1))
+        doubt = np.sqrt(LIKELY_SHARE * (1 - LIKELY_SHARE)) * by_share
+        return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(doubt, MODEL_DEEP * (deep - 1))
 
     def _sticking(self, patches: Patches) -> float:
         """Return by what fraction the normal force would be greater if the touching cells had not slipped at all,
