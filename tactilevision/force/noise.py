@@ -194,7 +194,7 @@ def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:
 
 
 def _products(values: Floats) -> Floats:
-    """Return the sum of products of `values` (rows, columns) at every offset up to REACH, in their unit squared."""
+    """Return the sum of products of `values` (rows, columns) at every offset up to REACH, in their unit²."""
     shape = [fft.next_fast_len(n + REACH, real=True) for n in values.shape]
     spectrum = fft.rfft2(values.astype(np.float32), shape)
     return np.asarray(fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape))
