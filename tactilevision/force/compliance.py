@@ -309,7 +309,7 @@ class Solution:
 
     def gain(self, weights: Floats) -> Floats:
         """Return weights (K, nC) @ M^-1."""
-        return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
+        return np.asarray(lapack.spotrs(self.factor, weights.T, lower=1)[0].T, dtype=np.float64)
 
     def response(self, weights: Floats) -> Floats:
         """Return the slope (K, nC) of weights (K, nC) @ traction by the displacement, cells fixed."""
@@ -356,10 +356,10 @@ def _narrow(
     whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, unit: float, adhesive: bool
 ) -> Solution:
     """Solve and exclude the cells of negative pressure until there are none; possibly no cell remains."""
-    active = np.arange(len(cells))
+    active, rough = np.arange(len(cells)), roughness(cells, grid.shape)
     rms = _rms_guess(u, unit)
     for _ in range(MAX_ITERATIONS):
-        factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
+        factor, x = _solved(whole, rough, active, u[:, active], unit, std_mm / rms)
         faintest = -np.inf if adhesive else FAINTEST * float(np.max(x[-1], initial=0.0))
         drop = x[-1] < faintest
         rms = _rms(x, std_mm / unit)
@@ -372,22 +372,27 @@ def _narrow(
 
 
 def _solved(
-    whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float, noise: Floats
+    whole: Floats, rough: Floats, active: Cells, u: Floats, unit: float, noise: Floats
 ) -> tuple[Floats, Floats]:
+    """Return the factor of M, in single precision, and the tractions, refined once in double."""
     count, parts = len(active), len(u)
-    every = np.concatenate([active + k * len(cells) for k in range(parts)])
-    matrix = whole.copy() if count == len(cells) else whole[np.ix_(every, every)]
-    rough = roughness(cells[active], grid.shape)
+    if count == len(rough):
+        matrix = whole.copy()
+    else:
+        every = np.concatenate([active + k * len(rough) for k in range(parts)])
+        matrix, rough = whole[np.ix_(every, every)], rough[np.ix_(active, active)]
+        rough.flat[:: count + 1] -= rough.sum(axis=1)
     for k in range(parts):
         matrix[k * count : (k + 1) * count, k * count : (k + 1) * count] += (
             SUBCELL_STEP * unit + noise[k]
         ) * rough
     matrix.flat[:: len(matrix) + 1] += SUBCELL * unit
-    factor, fault = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
+    factor, fault = lapack.spotrf(matrix.T.astype(np.float32), lower=1, overwrite_a=1)
     if fault:
         raise ConvergenceError("the compliance of the touching cells is not positive definite")
-    once, _ = lapack.dpotrs(factor, u.ravel(), lower=1)
-    again, _ = lapack.dpotrs(factor, once, lower=1)
+    once = lapack.spotrs(factor, u.ravel(), lower=1)[0].astype(np.float64)
+    once += lapack.spotrs(factor, u.ravel() - matrix @ once, lower=1)[0]
+    again, _ = lapack.spotrs(factor, once, lower=1)
     return factor, (once + SUBCELL * unit * again).reshape(parts, count)
 
 
@@ -420,7 +425,8 @@ def unclipped(
         left = left - (sides @ within.ravel())[-len(support) :] if sides.size > 1 else left
     rms = _rms(found.traction[-1:], seen.std_mm[-1:] / unit)
     every = np.arange(len(support))
-    factor, more = _solved(whole, grid, support, every, left[None], unit, seen.std_mm[-1:] / rms)
+    rough = roughness(support, grid.shape)
+    factor, more = _solved(whole, rough, every, left[None], unit, seen.std_mm[-1:] / rms)
     deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
     likely = float(np.mean(seen.depth_std_mm.ravel()[support] ** 2)) + (MISFIT * deepest) ** 2
     return Solution(support, more, factor, SUBCELL * unit), min(1.0, likely / float(np.mean(left**2) + TINY**2))

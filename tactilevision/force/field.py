@@ -13,7 +13,8 @@ Terms of the wrench's covariance (patches.py):
 - the force that a hole of the map may hide.
 
 Friction stiffens a punch of a/h .8 by 4 %, one of a/h 1.3 by 11 %, and more with depth. Measured shear contains
-its effect. Without shear, with s the share of its full effect, LIKELY_SHARE +- SHARE_STD,
+its effect. Without shear, s is the share of its full effect: either all or nothing, all with the probability p =
+LIKELY_SHARE, so its mean is p and its variance p (1 - p), and
 
     force = linear, frictionless force (1 + s (stuck - 1)) (1 + s (deep - 1)),
 
@@ -44,7 +45,7 @@ from tactilevision.force.nodes import Cells, NodeGrid, lay_grid
 from tactilevision.force.observe import Observation, observe, with_residual
 from tactilevision.force.patches import MODEL_DEEP, Patches, find_patches
 from tactilevision.force.unseen import Unseen
-from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
+from tactilevision.mechanics.profile import LIKELY_SHARE
 from tactilevision.records.constants import Z90
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Bools, Floats, Material, Pair
@@ -159,9 +160,10 @@ class ForceField:
             else np.sqrt(material.covariance[0, 0]) / material.youngs_modulus_MPa
         )
         hidden_N = material.youngs_modulus_MPa * self._unseen.limit(seen, relative_std=float(rel))
-        y, x = np.meshgrid(grid.y_mm, grid.x_mm, indexing="ij")
+        count = np.count_nonzero(seen.known)
         arm_x, arm_y = (
-            float(np.sqrt(np.mean(one[seen.known] ** 2))) if seen.known.any() else np.nan for one in (x, y)
+            np.sqrt(seen.known.sum(axis=axis) @ one**2 / count) if count else np.nan
+            for axis, one in enumerate((grid.x_mm, grid.y_mm))
         )
         levers = np.array([1.0, 1.0, 1.0, arm_y, arm_x, np.hypot(arm_x, arm_y)])
         fields, total = np.zeros((3, seen.known.size)), np.zeros((1, 6))
@@ -249,17 +251,19 @@ class ForceField:
         stuck = self._sticking(patches)
         more = np.stack([deep - 1, np.full(len(deep), stuck)])
         by_share = np.sum(more / (1 + LIKELY_SHARE * more), axis=0)
-        return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(SHARE_STD * by_share, MODEL_DEEP * (deep - 1))
+        doubt = np.sqrt(LIKELY_SHARE * (1 - LIKELY_SHARE)) * by_share
+        return np.prod(1 + LIKELY_SHARE * more, axis=0), np.hypot(doubt, MODEL_DEEP * (deep - 1))
 
     def _sticking(self, patches: Patches) -> float:
-        """Return by what fraction the normal force would be greater if nothing had slipped, linearly."""
-        seen, cells = patches.seen, patches.whole.cells
-        depth = seen.displacement_mm[-1].ravel()[cells]
+        """Return by what fraction the normal force would be greater if the touching cells had not slipped at all,
+        linearly. Beside them the gel is free either way.
+        """
+        seen, found = patches.seen, patches.found
+        depth = seen.displacement_mm[-1].ravel()[found.cells]
         held = np.stack([0 * depth, 0 * depth, depth])
         std = np.repeat(seen.std_mm[-1:], 3)
-        stuck = solve(patches.compliance, cells, displacement_mm=held, std_mm=std, adhesive=True)
-        free = patches.found.traction[0].sum() + patches.whole.traction[0].sum()
-        return max(0.0, float(stuck.traction[2].sum() / free) - 1)
+        stuck = solve(patches.compliance, found.cells, displacement_mm=held, std_mm=std, adhesive=True)
+        return max(0.0, float(stuck.traction[2].sum() / found.traction[0].sum()) - 1)
 
 
 def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ WAVES = 4  # times the grid's own: shorter ones average out over a cell
 REACH = 8  # thicknesses of gel between a load and its next image
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CellCompliance:
     """`table` (offsets, 9) at modulus 1 MPa for every offset of two cells of `grid`."""
 
@@ -46,9 +47,15 @@ class CellCompliance:
         wide = 2 * columns - 1
         place = row * wide + column
         offset = (place + (rows - 1) * wide + columns - 1)[:, None] - place
-        table = np.ascontiguousarray(self.table.reshape(-1, 3, 3)[:, -parts:, -parts:]).reshape(-1, parts**2)
-        entries = table.take(offset.ravel(), axis=0).reshape(*offset.shape, parts, parts)
-        return np.asarray(entries.transpose(2, 0, 3, 1).reshape(parts * len(cells), parts * len(cells)))
+        found = np.empty((parts, len(cells), parts, len(cells)))
+        for i, j in np.ndindex(parts, parts):
+            found[i, :, j] = self._components[3 - parts + i, 3 - parts + j].take(offset)
+        return found.reshape(parts * len(cells), parts * len(cells))
+
+    @cached_property
+    def _components(self) -> Floats:
+        """Return the table as (3, 3, offsets)."""
+        return np.ascontiguousarray(self.table.T).reshape(3, 3, -1)
 
 
 def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) -> CellCompliance:

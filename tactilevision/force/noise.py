@@ -183,18 +183,31 @@ def _fitted(pull: Floats, far: Bools) -> tuple[float, float, float]:
 
     The slow part is fitted to the autocovariance by distance, weighted by the number of pairs.
     """
-    shape = [fft.next_fast_len(n + REACH, real=True) for n in far.shape]
-    spectra = fft.rfft2(np.stack([np.where(far, pull, 0.0), far]).astype(np.float32), shape)
-    product, pairs = fft.irfft2(np.abs(spectra) ** 2, shape)
-    down, across = _offsets()
-    covariance = product[down, across] / np.maximum(pairs[down, across], 1.0)
-    weight, (form, square) = np.maximum(pairs[down, across], 0.0), _forms()
-    size = np.maximum((form * weight) @ covariance / (square @ weight), 0.0)
-    misfit = (weight * (covariance - size[:, None] * form) ** 2).sum(axis=1)
+    product, (down, across), form = _products(np.where(far, pull, 0.0)), _offsets(), _forms()
+    pairs, square = _pairs(far.tobytes(), far.shape)
+    covariance = product[down, across] / np.maximum(pairs, 1.0)
+    size = np.maximum(form @ (pairs * covariance) / square, 0.0)
+    misfit = size * (size * square - 2 * form @ (pairs * covariance))
     best = int(np.argmin(misfit))
-    whole = product[0, 0] / pairs[0, 0]
+    whole = product[0, 0] / np.count_nonzero(far)
     slow = min(float(size[best]), whole)
     return float(np.sqrt(whole - slow)), float(np.sqrt(slow)), float(LENGTHS[best])
+
+
+def _products(values: Floats) -> Floats:
+    """Return the sum of products of `values` (rows, columns) at every offset up to REACH, in their unit²."""
+    shape = [fft.next_fast_len(n + REACH, real=True) for n in values.shape]
+    spectrum = fft.rfft2(values.astype(np.float32), shape)
+    return np.asarray(fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape))
+
+
+@lru_cache(maxsize=4)
+def _pairs(far: bytes, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return the number of pairs (n,) of `far` cells at each offset, and its sum (lengths,) by correlation
+    squared.
+    """
+    pairs = np.maximum(_products(np.frombuffer(far, dtype=bool).reshape(shape))[_offsets()], 0.0)
+    return pairs, _forms() ** 2 @ pairs
 
 
 @lru_cache(maxsize=1)
@@ -206,8 +219,7 @@ def _offsets() -> tuple[Cells, Cells]:
 
 
 @lru_cache(maxsize=1)
-def _forms() -> tuple[Floats, Floats]:
-    """Return the correlation (lengths, n) at these offsets, and its square."""
+def _forms() -> Floats:
+    """Return the correlation (lengths, n) at these offsets."""
     down, across = (np.abs(part) for part in _offsets())
-    form = np.stack([(one := likeness(length, REACH + 1))[down] * one[across] for length in LENGTHS])
-    return form, form**2
+    return np.stack([(one := likeness(length, REACH + 1))[down] * one[across] for length in LENGTHS])

@@ -124,8 +124,10 @@ def _stated_std(grid: NodeGrid, height: HeightMap, known: Bools) -> Floats | Non
     if height.std_mm is None:
         return None
     at_cells = np.asarray(height.std_mm[_centres(grid)], dtype=np.float64)
-    typical = float(np.median(at_cells[known])) if known.any() else 0.0
-    return np.maximum(np.where(np.isfinite(at_cells), at_cells, typical), TINY)
+    finite = np.isfinite(at_cells)
+    if not finite.all():
+        at_cells[~finite] = np.median(at_cells[known]) if known.any() else 0.0
+    return np.maximum(at_cells, TINY)
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:

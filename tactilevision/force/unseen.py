@@ -1,13 +1,14 @@
 """Upper limit of the normal force that a map without contact may hide.
 
-A hidden contact is a flat punch or a ball, its contact radius a from one cell to one thickness, pressed in by w.
-It sinks the cells by w T and has the force w P, both of the frictionless layer. At every place the depths u of
-deviation s are compared with T by a filter F, T over the power of the noise,
+A hidden contact is a flat punch or a ball, its contact radius one thickness, pressed in by w; a narrower one hides
+less: .1 to .6 of the force at a third to six tenths of the radius. It sinks the cells by w T and has
+the force w P, both of the frictionless layer. At every place the depths u of deviation s are compared with T by a
+filter F, T over the power of the noise,
 
     w = sum(F u/s^2) / sum(F T/s^2),
 
 so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these
-over shapes, radii and places is the limit.
+over shapes and places is the limit.
 """
 
 from __future__ import annotations
@@ -29,7 +30,6 @@ from tactilevision.records.constants import TINY, Z90
 from tactilevision.records.measured import Floats
 
 Waves = npt.NDArray[np.complexfloating]
-RADII = 3  # contact radii from one cell to one thickness, in equal steps of their logarithm
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
@@ -61,35 +61,34 @@ class Unseen:
         std = np.maximum(noise.total, TINY)
         weight, (rows, columns) = np.where(known, 1 / std**2, 0.0), known.shape
         parts = (noise.white, noise.slow, noise.shared)
-        white, slow, shared = (float(np.mean((one[known] / std[known]) ** 2)) for one in parts)
-        power = white + slow * _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
-        (waves, squares), pair = self._waves, np.stack([weight * seen.displacement_mm[-1], weight])
-        filters = waves / np.maximum(power, FLOOR)
-        gain = self._inner(filters * np.conj(waves))
-        spread = np.sqrt(self._inner(np.abs(filters) ** 2 * power) + shared * np.abs(filters[:, 0, 0]) ** 2)
-        spectra = fft.rfft2(pair.astype(np.float32), self._shape)
+        white, slow, shared = (float(np.mean((one / std)[known] ** 2)) for one in parts)
+        alike = _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
+        power = np.asarray(white + slow * alike, dtype=np.float32)
+        divided, typical = np.maximum(power, FLOOR), float(np.median(weight[known]))
+        filters = np.stack([1 / divided, power / divided**2, np.ones_like(power)])
+        gain, square, norm = filters.reshape(3, -1) @ self._power.T
+        whole = np.abs(self._waves[0][:, 0, 0]) / divided[0, 0]
+        spread = np.sqrt(square + shared * whole**2)
+        pair = np.stack([weight * seen.displacement_mm[-1], weight]).astype(np.float32) / np.float32(typical)
+        spectra = fft.rfft2(pair, self._shape)
         fitted, square = (
             fft.irfft2(one * form, self._shape)[:, :rows, :columns]
-            for one, form in zip(spectra, (filters, squares), strict=True)
+            for one, form in zip((spectra[0] / divided, spectra[1]), self._waves, strict=True)
         )
-        norm = self._inner(np.abs(waves) ** 2)[:, None, None]
-        usable = square > SEEN_SHARE * np.median(weight[known]) * norm
-        share, gain = np.maximum(square, TINY) / norm, gain[:, None, None]
-        depth_mm = np.maximum(fitted / (gain * share), 0.0)
-        upper_mm = depth_mm + Z90 * np.hypot(
-            spread[:, None, None] / (gain * np.sqrt(share)), relative_std * depth_mm
-        )
-        forces = np.array([one.force for one in self.templates])
+        share = square / norm[:, None, None]
+        usable, share = share > SEEN_SHARE, np.maximum(share, FLOOR)
+        depth_mm = np.maximum(fitted / (gain[:, None, None] * share), 0.0)
+        variance = (spread / gain) ** 2 / np.float32(typical)
+        upper_mm = depth_mm + Z90 * np.sqrt(variance[:, None, None] / share + (relative_std * depth_mm) ** 2)
+        forces = np.array([one.force for one in self.templates], dtype=np.float32)
         return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
 
     @cached_property
     def templates(self) -> tuple[Template, ...]:
         """Return the contacts that may hide."""
-        grid, thickness = self.compliance.grid, self.compliance.gel.thickness_mm
-        radii = np.geomspace(grid.spacing_mm, max(thickness, grid.spacing_mm), RADII)
-        nu = self.compliance.poisson_ratio
-        return tuple(
-            one for a in radii for one in _templates(a, grid.spacing_mm, thickness_mm=thickness, poisson_ratio=nu)
+        cell_mm, thickness = self.compliance.grid.spacing_mm, self.compliance.gel.thickness_mm
+        return _templates(
+            max(thickness, cell_mm), cell_mm, thickness_mm=thickness, poisson_ratio=self.compliance.poisson_ratio
         )
 
     @cached_property
@@ -109,13 +108,17 @@ class Unseen:
             to[:] = np.roll(to, (-half, -half), axis=(0, 1))
         return np.conj(fft.rfft2(placed)), np.conj(fft.rfft2(placed**2))
 
-    def _inner(self, waves: Waves | Floats) -> Floats:
-        """Return the sum (templates,) over the plane whose half the transforms hold."""
-        twice = np.full(waves.shape[-1], 2.0)
-        twice[0] = 1.0
+    @cached_property
+    def _power(self) -> Floats:
+        """Return the weights (templates, ky * kx) whose product with a power is that of the templates, summed over
+        the plane whose half the transforms hold.
+        """
+        twice = np.full(self._shape[1] // 2 + 1, 2.0 / np.prod(self._shape))
+        twice[0] /= 2
         if self._shape[1] % 2 == 0:
-            twice[-1] = 1.0
-        return np.asarray((waves.real * twice).sum(axis=(1, 2)) / np.prod(self._shape))
+            twice[-1] /= 2
+        power = np.abs(self._waves[0]) ** 2 * twice
+        return np.asarray(power.reshape(len(power), -1), dtype=np.float32)
 
 
 @lru_cache(maxsize=32)
