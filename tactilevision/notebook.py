@@ -67,9 +67,9 @@ def shown(figure: Figure) -> Figure:
 
 def _as_image(figure: Figure) -> str:
     style.choose_fonts(figure)
-    packed = BytesIO()
-    figure.savefig(packed, format="png", dpi=DPI)
-    return f'<img alt="figure" src="data:image/png;base64,{base64.b64encode(packed.getvalue()).decode()}">'
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=DPI)
+    return f'<img alt="figure" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'
 
 
 class OpenWorkbench:

@@ -176,7 +176,7 @@ def weights(common: Floats, noises: Sequence[Noise]) -> Floats:
 
 
 def scales(noises: Sequence[Noise]) -> Floats:
-    """Return the scale of each (n,)."""
+    """Return the scale (n,) of each, a ratio to its noise."""
     return np.array([noise.scale for noise in noises])
 
 

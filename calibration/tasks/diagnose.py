@@ -158,15 +158,18 @@ def _diagnosed(
     data = informed(data, bulge, bound=bound)
     watch.tell("fitting the base model")
     model = base_model(data, bound=bound)
-    compared = plain = base_fit(model, data)
+    added, compared = list[Effect](), base_fit(model, data)
     for effect in known:
         of_picture = None if seen is None else _of_picture(effect, seen, data)
         if of_picture is None:
-            model, compared = model + effect, fit_added(compared.model + effect, compared)
+            model = model + effect
+            added.append(effect)
         else:
             seen = of_picture
     level = LEVEL if seen is None else LEVEL / 2
-    begin = plain if compared is plain else base_fit(model, data)  # at its minimum, as the tests require
+    begin = base_fit(model, data) if added else compared  # at its minimum, as the tests require
+    for effect in added:
+        compared = fit_added(compared.model + effect, compared)
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
     force = decision.outcome(found_there, level, decision.odd_presses(found_there, level))
     sight = None

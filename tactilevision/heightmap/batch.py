@@ -218,8 +218,16 @@ class BatchReader:
         flags = self.reconstructor.match.flags(seen, zero) if self.reconstructor.match else ()
         if max(-float(found.lowest[k]), float(found.highest[k])) < MIN_CHECKED_MM:
             std, scale = found.std[k].copy(), self.reconstructor.sensor.mm_per_px
-            return HeightMap(own, self.valid, scale, std, frame.time_s, frame.name, flags,
-                             colour_change=drift.normalised_residual)  # fmt: skip
+            return HeightMap(
+                own,
+                self.valid,
+                scale,
+                std,
+                frame.time_s,
+                frame.name,
+                flags,
+                colour_change=drift.normalised_residual,
+            )
         if rgb is None:
             seen = replace(seen, rgb=self.reconstructor.rectified(frame))
         surface = Surface(own, zero, (), SlopeReading((), (), self.valid, seen, 0.0))

@@ -48,9 +48,14 @@ class Recorded(Generic[T]):
     """
 
     def __init__(
-        self, act: Callable[[Tensor], T], *, device: str, count: int, shape: tuple[int, int],
+        self,
+        act: Callable[[Tensor], T],
+        *,
+        device: str,
+        count: int,
+        shape: tuple[int, int],
         maps: tuple[Picture, Picture] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.device = device
         self.maps = maps and [torch.from_numpy(one.copy()).to(device)[None] for one in maps]
         self.greys = torch.full((count, 3, *shape), 128.0, device=device)
