@@ -21,7 +21,7 @@ from calibration.inputs.observations import press_names
 from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.diagnosis_report import VERDICTS
-from calibration.report.headline import UNSEEN, fall_lead, fall_note, modulus_rows
+from calibration.report.headline import UNSEEN, fall_lead, fall_note, modulus_rows, undetermined
 from calibration.report.misfit import (
     BASE,
     error_falls,
@@ -202,6 +202,7 @@ def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
                 "name": name,
                 "modulus": [] if row is None else row.modulus,
                 "ratio": [] if row is None else row.ratio,
+                "open": [] if material is None else undetermined([material]),
                 "lacks": f"lacks {' and '.join(lacks)}" if lacks else "",
             }
         )
