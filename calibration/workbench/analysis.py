@@ -23,6 +23,7 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.vision_depth_check import in_picture
+from calibration.fit.identifiability import holding
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations, leave_out
@@ -31,7 +32,7 @@ from calibration.report.drawing import overlay
 from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture
 from calibration.tasks.compare import Comparison, completed, plain_law, with_effect
 from calibration.workbench.opened import Opened
-from tactilevision.records.measured import Estimate
+from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.misfit import ErrorFall, Strip, share_removed
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
@@ -183,7 +184,8 @@ class Verdict:
 
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
     `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effect of an
-    UNKNOWN, else empty; `modulus`: E of the present model with what may be unseen, where it is the last one.
+    UNKNOWN, else empty; `modulus`: E of the present model with what may be unseen, where it is the last one; else
+    `next_E_MPa`: its interval over every candidate, once one of them is added and is all that is missing.
     """
 
     word: str = ""
@@ -195,7 +197,14 @@ class Verdict:
     odd: tuple[str, ...] = ()
     nearest: str = ""
     modulus: Estimate | None = None
+    next_E_MPa: Pair | None = None
     warnings: tuple[str, ...] = ()
+
+    def after(self, before: Verdict | None, added: Sequence[str]) -> Verdict:
+        """Return it with E over the candidates `before`, where one of them is `added`: they stay possible."""
+        if before is None or self.modulus is None or not set(added) & set(before.candidates):
+            return self
+        return replace(self, modulus=holding(self.modulus, before.next_E_MPa))
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,5 +324,6 @@ def diagnosed(
         odd=found.presses.odd.presses,
         nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
         modulus=shown.youngs_modulus if last else None,
+        next_E_MPa=None if last or len(found.effects) > 1 else found.material.after.youngs_modulus.interval95,
         warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),
     )

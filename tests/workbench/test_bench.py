@@ -23,6 +23,7 @@ from calibration.workbench.opened import file_marks
 from calibration.workbench.views import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
+from tactilevision.records.measured import Estimate
 
 
 @pytest.fixture(scope="module")
@@ -320,3 +321,13 @@ def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> 
     assert shown["named"] == [], "of several that look alike none is added as if it were sure"
     made._show(verdict=None)
     assert state_view(made)["verdict"]["nearest"] == []
+
+
+def test_the_candidates_stay_possible_when_one_of_them_is_added() -> None:
+    now = Verdict("ADEQUATE", modulus=Estimate.normal(0.2, 0.01, "MPa"))
+    before = Verdict("AMBIGUOUS", named=("tilt",), candidates=("tilt", "skin"), next_E_MPa=(0.1, 0.21))
+    held = now.after(before, ["tilt"]).modulus
+    assert held is not None
+    assert held.interval95 == pytest.approx((0.1, 0.2 + 1.96 * 0.01), rel=1e-4)
+    for other in (now.after(before, ["backlash"]), now.after(None, ["tilt"])):
+        assert other == now

@@ -73,7 +73,7 @@ function show() {
   $("label").disabled = $("export").disabled = !state.components.length;
   if (state.notice) say(state.notice);
   if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh in the same folder.`));
-  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text[0] : text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
+  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text : capital(text)}.`.replace(/\.\.$/, ".")))));
   tick();
   const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
   part("verdict", [{ ...verdict, asking: Boolean(asking) }], showVerdict);
@@ -94,6 +94,8 @@ function tick() {
   $("stop").hidden = !(state && state.busy && state.stoppable && seconds > 1);
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
+
+function capital(text) { return text[0].toUpperCase() + text.slice(1); }
 
 function list(words) { return words.length > 1 ? `${words.slice(0, -1).join(", ")} and ${words.at(-1)}` : words[0] || ""; }
 
@@ -344,7 +346,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
