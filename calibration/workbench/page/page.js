@@ -97,16 +97,14 @@ function tick() {
 
 function capital(text) { return text[0].toUpperCase() + text.slice(1); }
 
-function list(words) { return words.length > 1 ? `${words.slice(0, -1).join(", ")} and ${words.at(-1)}` : words[0] || ""; }
-
 function showVerdict([verdict]) {
   const add = (keys, words) => h("button", { class: "main", "data-cure": keys.length > 1 ? "all" : keys[0], onclick: () => { act("add", keys.join("\n")); toTop(); } }, words);
-  const tested = `Tested: the base model${verdict.with.length ? ` with ${list(verdict.with)}` : ""}.`, named = verdict.named;
+  const effects = `Model: ${["base model", ...verdict.with].join(" + ")}.`, named = verdict.named;
   $("verdict").className = verdict.word ? (verdict.word === "ADEQUATE" ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
       : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
-    h("p", { class: "soft" }, verdict.word || !named.length ? tested : "Named by the diagnosis before, and not added yet:"),
+    h("p", { class: "soft" }, verdict.word || !named.length ? effects : "Named by the diagnosis before, and not added yet:"),
     named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
       verdict.word ? " and watch the error fall." : "") : "",
     verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => add([one.key], `Try ${one.title}`)), " and see whether the error falls.") : "",
