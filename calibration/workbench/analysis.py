@@ -183,9 +183,10 @@ class Verdict:
     """Result of a diagnosis in words: verdict, its sentence, remarks, warnings, and what to measure next.
 
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
-    `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effect of an
-    UNKNOWN, else empty; `modulus`: E of the present model with what may be unseen, where it is the last one; else
-    `next_E_MPa`: its interval over every candidate, once one of them is added and is all that is missing.
+    `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effects of
+    an UNKNOWN, joined by +, else empty; `modulus`: E of the present model with what may be unseen, where it is
+    the last one; else `next_E_MPa`: its interval over every candidate, once one of them is added and is all that
+    is missing.
     """
 
     word: str = ""
@@ -296,7 +297,7 @@ def diagnosed(
     """
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
-    from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
+    from calibration.report.diagnosis_report import OWN_IDEA, allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
     private = {effect.key: effect for effect in map(load_effect, own)}
@@ -314,15 +315,16 @@ def diagnosed(
     )
     last = found.fits.fitted is found.fits.base  # else the result is of a model with more effects than the page's
     shown = found.material.after if last else found.material.before
+    own_idea = OWN_IDEA if found.verdict == "UNKNOWN" else ""
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else ""))),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else "", own_idea))),
         measure_next=tuple((a.action, a.minutes, a.separation_sigma, a.why) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
-        nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
+        nearest="" if found.remainder.nearest is None else found.remainder.nearest[0],
         modulus=shown.youngs_modulus if last else None,
         next_E_MPa=None if last or len(found.effects) > 1 else found.material.after.youngs_modulus.interval95,
         warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),

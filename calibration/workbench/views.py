@@ -95,7 +95,7 @@ def _verdict(shown: Shown) -> dict[str, Any]:
     there = [step.key for step in shown.history.steps]
     found, asking = shown.verdict or Verdict(named=shown.named), shown.asking
     ambiguous = found.word == "AMBIGUOUS"
-    to_try = found.candidates if ambiguous else (found.nearest,) * bool(found.nearest)
+    to_try = found.candidates if ambiguous else found.nearest.split("+") if found.nearest else ()
 
     def not_yet(keys: Sequence[str]) -> list[dict[str, str]]:
         return [{"key": key, "title": in_words(key)} for key in keys if key not in there]

@@ -309,10 +309,10 @@ def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypat
 
 
 def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> None:
-    unknown = Verdict("UNKNOWN", "Something is missing.", nearest="depth_along_depth")
+    unknown = Verdict("UNKNOWN", "Something is missing.", nearest="depth_along_depth+skin")
     made._show(verdict=unknown)
     shown = state_view(made)["verdict"]
-    assert shown["nearest"] == [{"key": "depth_along_depth", "title": "depth along depth"}]
+    assert [one["title"] for one in shown["nearest"]] == ["depth along depth", "skin"]
     assert shown["named"] == []
     alike = replace(unknown, word="AMBIGUOUS", named=("tilt",), candidates=("tilt", "skin"), nearest="")
     made._show(verdict=alike)
