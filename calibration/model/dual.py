@@ -82,7 +82,8 @@ class Dual(NDArrayOperatorsMixin):
         if function is np.where:
             where, one, other = given
             value = np.where(where, value_of(one), value_of(other))
-            return chained(value, [(where, one), (np.logical_not(where), other)])
+            both = (where, one), (np.logical_not(where), other)  # a slope that is not chosen may be NaN
+            return Dual(value, sum(np.where(keep, x.slopes, 0.0) for keep, x in both if isinstance(x, Dual)))
         if function is np.clip:
             return np.minimum(np.maximum(given[0], given[1]), given[2])
         if function is np.column_stack:

@@ -67,7 +67,8 @@ def summary(found: Diagnosis) -> list[str]:
     if found.remainder.change_point is not None:
         lines.append(f"  since press {found.remainder.change_point}")
     lines += [f"  {fall_sentence(fall)}" for fall in _falls(found)]
-    lines += [f"E of the {modulus_line(name, gel)}" for name, gel in materials(found).items()]
+    whole = {name if name.startswith(BASE) else f"{BASE} {name}": gel for name, gel in materials(found).items()}
+    lines += [f"E of the {modulus_line(name, gel)}" for name, gel in whole.items()]
     lines.append(allowed_for(found))
     untested = found.limits.not_testable
     if untested:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from calibration.report import page, wording
@@ -55,13 +55,10 @@ def fall_sentence(fall: ErrorFall) -> str:
 
 # E and nu of each model.
 
-COLUMNS = (
-    *("model", "E (MPa)", "95 % from the data", "95 % with what may be unseen"),
-    *("ν", "95 % from the data", "95 % with what may be unseen"),
-)
+COLUMNS = ("", "model", "value", "95 % from data", "95 % with unseen")
 UNSEEN = (
-    "From the data: the scatter of these presses alone. With what may be unseen: also friction, an edge that is "
-    "not stated, and, after a diagnosis, effects too small to be significant."
+    "From data: the scatter of these presses alone. With unseen: also friction, an edge that is not stated, and, "
+    "after a diagnosis, effects too small to be significant."
 )
 
 
@@ -72,11 +69,6 @@ class ModulusRow:
     name: str
     modulus: tuple[str, str, str]
     ratio: tuple[str, str, str]
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Cells of a table with the head COLUMNS."""
-        return self.name, *self.modulus, *self.ratio
 
 
 def modulus_rows(models: Mapping[str, CalibrationResult]) -> list[ModulusRow]:
@@ -107,13 +99,19 @@ def modulus_line(name: str, result: CalibrationResult) -> str:
 
 
 def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
-    """Return the table of E and nu, a row a model, with what its two intervals mean."""
-    rows = [row.cells for row in modulus_rows(models)]
-    open_ = {
+    """Return the table of E and nu, each by model, with what its two intervals mean."""
+    found = modulus_rows(models)
+    rows = [("E (MPa)", row.name, *row.modulus) for row in found] + [("ν", row.name, *row.ratio) for row in found]
+    whys = "".join(map(page.paragraph, undetermined(models.values())))
+    return page.table(COLUMNS, rows, numbers=(2,)) + whys + page.paragraph(UNSEEN, kind="soft")
+
+
+def undetermined(results: Iterable[CalibrationResult]) -> list[str]:
+    """Return why E or nu is not determined, a sentence for each reason."""
+    whys = {
         f"{wording.MATERIAL[name]} is not determined by these data: {one.why}."
-        for result in models.values()
+        for result in results
         for name in ("youngs_modulus", "poisson_ratio")
         if (one := getattr(result, name)).value is None
     }
-    whys = "".join(map(page.paragraph, sorted(open_)))
-    return page.table(COLUMNS, rows, numbers=(1, 4)) + whys + page.paragraph(UNSEEN, kind="soft")
+    return sorted(whys)

@@ -79,7 +79,7 @@ def _over_candidates(
     for fitted, later in fits:
         if (interval := determine_material(fitted).youngs_modulus.interval95) is not None:
             E = holding(E, (interval[0] * later, interval[1] * later))
-    said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
+    said = "E's interval includes the values of E under other effects that these data do not exclude"
     held = replace(after, youngs_modulus=E)
     return widened(held if after.youngs_modulus == E else held.noted(said), factors, said)
 

@@ -23,6 +23,7 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.vision_depth_check import in_picture
+from calibration.fit.identifiability import holding
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations, leave_out
@@ -31,7 +32,7 @@ from calibration.report.drawing import overlay
 from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture
 from calibration.tasks.compare import Comparison, completed, plain_law, with_effect
 from calibration.workbench.opened import Opened
-from tactilevision.records.measured import Estimate
+from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.misfit import ErrorFall, Strip, share_removed
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
@@ -182,8 +183,10 @@ class Verdict:
     """Result of a diagnosis in words: verdict, its sentence, remarks, warnings, and what to measure next.
 
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
-    `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effect of an
-    UNKNOWN, else empty; `modulus`: E of the present model with what may be unseen, where it is the last one.
+    `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effects of
+    an UNKNOWN, joined by +, else empty; `modulus`: E of the present model with what may be unseen, where it is
+    the last one; else `next_E_MPa`: its interval over every candidate, once one of them is added and is all that
+    is missing.
     """
 
     word: str = ""
@@ -195,7 +198,14 @@ class Verdict:
     odd: tuple[str, ...] = ()
     nearest: str = ""
     modulus: Estimate | None = None
+    next_E_MPa: Pair | None = None
     warnings: tuple[str, ...] = ()
+
+    def after(self, before: Verdict | None, added: Sequence[str]) -> Verdict:
+        """Return it with E over the candidates `before`, where one of them is `added`: they stay possible."""
+        if before is None or self.modulus is None or not set(added) & set(before.candidates):
+            return self
+        return replace(self, modulus=holding(self.modulus, before.next_E_MPa))
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +297,7 @@ def diagnosed(
     """
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
-    from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
+    from calibration.report.diagnosis_report import OWN_IDEA, allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
     private = {effect.key: effect for effect in map(load_effect, own)}
@@ -305,15 +315,17 @@ def diagnosed(
     )
     last = found.fits.fitted is found.fits.base  # else the result is of a model with more effects than the page's
     shown = found.material.after if last else found.material.before
+    own_idea = OWN_IDEA if found.verdict == "UNKNOWN" else ""
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else ""))),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else "", own_idea))),
         measure_next=tuple((a.action, a.minutes, a.separation_sigma, a.why) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
-        nearest="" if found.remainder.nearest is None else found.remainder.nearest[0].split("+")[0],
+        nearest="" if found.remainder.nearest is None else found.remainder.nearest[0],
         modulus=shown.youngs_modulus if last else None,
+        next_E_MPa=None if last or len(found.effects) > 1 else found.material.after.youngs_modulus.interval95,
         warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),
     )

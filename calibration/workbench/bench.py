@@ -492,7 +492,8 @@ class Bench:
         keys = [step.key for step in shown.history.steps]
 
         def hear(found: Verdict | str) -> None:
-            verdict, why = (found, "") if isinstance(found, Verdict) else (None, found)
+            before = self._known[place[0], place[1][:-1]].verdict
+            verdict, why = (found.after(before, keys[-1:]), "") if isinstance(found, Verdict) else (None, found)
             self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
                 self._show(verdict=verdict, named=(), asking=None, troubled=why)

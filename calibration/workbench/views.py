@@ -21,7 +21,7 @@ from calibration.inputs.observations import press_names
 from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.diagnosis_report import VERDICTS
-from calibration.report.headline import UNSEEN, fall_lead, fall_note, modulus_rows
+from calibration.report.headline import UNSEEN, fall_lead, fall_note, modulus_rows, undetermined
 from calibration.report.misfit import (
     BASE,
     error_falls,
@@ -95,7 +95,7 @@ def _verdict(shown: Shown) -> dict[str, Any]:
     there = [step.key for step in shown.history.steps]
     found, asking = shown.verdict or Verdict(named=shown.named), shown.asking
     ambiguous = found.word == "AMBIGUOUS"
-    to_try = found.candidates if ambiguous else (found.nearest,) * bool(found.nearest)
+    to_try = found.candidates if ambiguous else found.nearest.split("+") if found.nearest else ()
 
     def not_yet(keys: Sequence[str]) -> list[dict[str, str]]:
         return [{"key": key, "title": in_words(key)} for key in keys if key not in there]
@@ -202,6 +202,7 @@ def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
                 "name": name,
                 "modulus": [] if row is None else row.modulus,
                 "ratio": [] if row is None else row.ratio,
+                "open": [] if material is None else undetermined([material]),
                 "lacks": f"lacks {' and '.join(lacks)}" if lacks else "",
             }
         )

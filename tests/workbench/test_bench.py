@@ -23,6 +23,7 @@ from calibration.workbench.opened import file_marks
 from calibration.workbench.views import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
+from tactilevision.records.measured import Estimate
 
 
 @pytest.fixture(scope="module")
@@ -308,10 +309,10 @@ def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypat
 
 
 def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> None:
-    unknown = Verdict("UNKNOWN", "Something is missing.", nearest="depth_along_depth")
+    unknown = Verdict("UNKNOWN", "Something is missing.", nearest="depth_along_depth+skin")
     made._show(verdict=unknown)
     shown = state_view(made)["verdict"]
-    assert shown["nearest"] == [{"key": "depth_along_depth", "title": "depth along depth"}]
+    assert [one["title"] for one in shown["nearest"]] == ["depth along depth", "skin"]
     assert shown["named"] == []
     alike = replace(unknown, word="AMBIGUOUS", named=("tilt",), candidates=("tilt", "skin"), nearest="")
     made._show(verdict=alike)
@@ -320,3 +321,13 @@ def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> 
     assert shown["named"] == [], "of several that look alike none is added as if it were sure"
     made._show(verdict=None)
     assert state_view(made)["verdict"]["nearest"] == []
+
+
+def test_the_candidates_stay_possible_when_one_of_them_is_added() -> None:
+    now = Verdict("ADEQUATE", modulus=Estimate.normal(0.2, 0.01, "MPa"))
+    before = Verdict("AMBIGUOUS", named=("tilt",), candidates=("tilt", "skin"), next_E_MPa=(0.1, 0.21))
+    held = now.after(before, ["tilt"]).modulus
+    assert held is not None
+    assert held.interval95 == pytest.approx((0.1, 0.2 + 1.96 * 0.01), rel=1e-4)
+    for other in (now.after(before, ["backlash"]), now.after(None, ["tilt"])):
+        assert other == now

@@ -72,8 +72,8 @@ function show() {
   $("undo").disabled = !state.undo; $("redo").disabled = !state.redo;
   $("label").disabled = $("export").disabled = !state.components.length;
   if (state.notice) say(state.notice);
-  if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh beside it.`));
-  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text[0] : text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
+  if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh in the same folder.`));
+  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text : capital(text)}.`.replace(/\.\.$/, ".")))));
   tick();
   const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
   part("verdict", [{ ...verdict, asking: Boolean(asking) }], showVerdict);
@@ -95,16 +95,16 @@ function tick() {
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
-function list(words) { return words.length > 1 ? `${words.slice(0, -1).join(", ")} and ${words.at(-1)}` : words[0] || ""; }
+function capital(text) { return text[0].toUpperCase() + text.slice(1); }
 
 function showVerdict([verdict]) {
   const add = (keys, words) => h("button", { class: "main", "data-cure": keys.length > 1 ? "all" : keys[0], onclick: () => { act("add", keys.join("\n")); toTop(); } }, words);
-  const withWords = verdict.with.length ? `With ${list(verdict.with)} in the model` : "With the base model alone", named = verdict.named;
+  const effects = `Model: ${["base model", ...verdict.with].join(" + ")}.`, named = verdict.named;
   $("verdict").className = verdict.word ? (verdict.word === "ADEQUATE" ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
-      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Looking for what is missing. Nothing is said of the model before that." : "No verdict yet."),
-    h("p", { class: "soft" }, verdict.word || !named.length ? `${withWords}.` : "Named by the diagnosis before, and not added yet:"),
+      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
+    h("p", { class: "soft" }, verdict.word || !named.length ? effects : "Named by the diagnosis before, and not added yet:"),
     named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
       verdict.word ? " and watch the error fall." : "") : "",
     verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => add([one.key], `Try ${one.title}`)), " and see whether the error falls.") : "",
@@ -132,7 +132,7 @@ function showModulus([rows, unseen]) {
   fill("modulus", rows.length ? [h("h2", {}, "Young's modulus and Poisson's ratio"), h("table", {},
     h("thead", {}, h("tr", {}, ["model", "E (MPa)", "ν"].map((word) => h("th", { scope: "col" }, word)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name, row.lacks ? h("small", {}, row.lacks) : ""), cell(row.modulus), cell(row.ratio))))),
-    h("p", { class: "soft" }, `95 % intervals. ${unseen}`)] : "");
+    h("p", { class: "soft" }, `95 % intervals. ${unseen}`), [...new Set(rows.flatMap((row) => row.open))].map((why) => h("p", {}, why))] : "");
 }
 
 const bars = {};  // errors on the screen, by what they are of
@@ -212,7 +212,7 @@ function toTop() {
 
 function badge(card) {
   if (card.named) return h("span", { class: "badge bad" }, "named by the diagnosis");
-  if (card.candidate) return h("span", { class: "badge bad" }, "cannot be told apart");
+  if (card.candidate) return h("span", { class: "badge bad" }, "not distinguishable");
   return card.suggested ? h("span", { class: "badge" }, "worth a try") : "";
 }
 
@@ -248,16 +248,16 @@ function cardOf(card) {
     card.about ? h("p", {}, card.about) : "",
     fall ? [h("div", { class: "share", role: "img", "aria-label": fall.lead }, h("span", { style: `width: ${100 * share}%` })), h("p", {}, `${fall.lead}.`)] : "",
     card.kind === "effect" ? "" : h("p", { class: "soft" }, card.kind), badge(card), card.why ? h("p", { class: "bad" }, card.why) : "",
-    card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `What ${card.title} would leave` }),
-      h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "left now; ", h("span", { class: "dot", style: "background: var(--ink)" }),
-        "what it explains; ", h("span", { class: "dot", style: "background: var(--last)" }), "left with it")]
+    card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `Residual without and with ${card.title}` }),
+      h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "residual now; ", h("span", { class: "dot", style: "background: var(--ink)" }),
+        "what it explains; ", h("span", { class: "dot", style: "background: var(--last)" }), "residual with it")]
       : !fall && !card.why ? h("button", { class: "link", onclick: () => act("card", card.key) }, "Show what it would remove") : "",
     h("details", { open: open.has(card.key), ontoggle: (e) => keepOpen(card.key, e.target.open) }, h("summary", {}, "More"),
       h("p", {}, `On ${card.of}: ${card.evidence}.`),
       card.values.length ? h("p", {}, `Fitted: ${card.values.join(", ")}`) : "",
       card.seen_in.length ? h("p", {}, `Seen against ${card.seen_in.join(", ")}.`) : "",
       card.confused_with.length ? h("p", {}, `Confused with ${card.confused_with.join(", ")}.`) : "",
-      card.separated_by.length ? h("p", {}, `Told apart by ${card.separated_by.join("; ")}.`) : "",
+      card.separated_by.length ? h("p", {}, `Distinguished by ${card.separated_by.join("; ")}.`) : "",
       card.source ? h("p", { class: "soft" }, card.source) : ""));
 }
 
@@ -270,7 +270,7 @@ function showPresses([presses]) {
       h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " outlier") : "",
         h("small", {}, one.indenter), h("small", {}, words)),
       rejected ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
-        "aria-label": fitted ? `Leave out ${one.name}` : `Put back ${one.name}` }, fitted ? "leave out" : "put back"));
+        "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
   $("presses").scrollTop = top;
 }
@@ -344,7 +344,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
