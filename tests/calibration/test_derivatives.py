@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,5 +131,5 @@ def test_a_function_without_a_slope_is_refused() -> None:
 def test_a_value_that_is_not_chosen_does_not_spoil_the_slope() -> None:
     x = Dual(np.array([2.0, 3.0]), np.ones((1, 2)))
     for both in ((np.array([5.0, np.nan]) * x, x), (np.array([5.0, np.nan]) * x, 7.0)):
-        chosen = np.where([True, False], *both)
+        chosen: Any = np.where([True, False], *both)
         np.testing.assert_array_equal(chosen.whole, [[5.0, float(both[1] is x)]])
