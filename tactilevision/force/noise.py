@@ -27,6 +27,7 @@ from scipy import fft
 from scipy.special import erf
 
 from tactilevision.force.nodes import Cells, NodeGrid
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import MAD_TO_STD
 
@@ -118,7 +119,7 @@ def assumed_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, known: B
     """
     none = np.zeros(grid.shape)
     if stated is None:
-        distance = from_contact(grid, depth, known)
+        distance = from_contact(grid, depth / max(noise_of_cells(depth, known), TINY), known)
         edge = np.quantile(distance[known], 0.75) if known.any() else 0.0
         stated = none + _size(depth[known & (distance >= edge)])
     return CellNoise(grid, none + noise_of_cells(depth, known), none, stated, 1.0)
@@ -160,15 +161,16 @@ def _size(values: Floats) -> float:
     return float(MAD_TO_STD * np.median(np.abs(values))) if values.size else 0.0
 
 
-def from_contact(grid: NodeGrid, pull: Floats, known: Bools, *, stated: float = np.inf) -> Floats:
+def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
     """Return the distance (rows, columns) of each cell from those half as deep as the deepest, mm.
 
-    Noise rises as often as it falls, so a fall that no rise suggests is a contact. Gel that a wide contact has
-    displaced rises too, hence noise is no larger than `stated`, in the unit of `pull`. Infinite where none is.
+    `pull` is the depth over its deviation, as stated or of neighbours. Noise rises as often as it falls, so a fall
+    that no rise suggests is a contact. Gel that a wide contact has displaced rises too, hence noise is no larger
+    than that deviation. Infinite where none is.
     """
     if not known.any():
         return np.zeros(grid.shape)
-    rise = min(-float(np.quantile(pull[known], 0.16)), stated)
+    rise = min(-float(np.quantile(pull[known], 0.16)), 1.0)
     deep = known & (pull > max(float(pull[known].max()) / 2, SURE * rise))
     if not deep.any():
         return np.full(grid.shape, np.inf)

@@ -76,13 +76,9 @@ def observe(
     depth, known = cell_means(grid, depth_px, valid=finite)
     known &= inside
     stated = _stated_std(grid, height, known)
-    if stated is None:
-        distance_mm = from_contact(grid, depth, known)
-    else:
-        distance_mm = from_contact(grid, depth / stated, known, stated=1.0)
-    far = known & (distance_mm > away_mm)
-    noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     std = noise_of_cells(depth, known)
+    far = known & (from_contact(grid, depth / (max(std, TINY) if stated is None else stated), known) > away_mm)
+    noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), (noise,), stated, far)
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
