@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import sys
 import time
 import urllib.error
@@ -120,7 +121,7 @@ def test_a_camera_that_goes_in_the_middle_ends_with_a_sentence_and_whole_rows(
     found = rows(tmp_path / "out" / "live.csv")
     assert len(found) >= 1
     assert all(None not in row.values() for row in found)
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["live.csv"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"live.csv", "patches.csv"}
 
 
 def test_a_camera_is_audited_before_it_is_trusted(
@@ -182,7 +183,11 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
     assert "fz +0." in lines[1]
     assert "fx" not in lines[1], "what is not known is not shown"
     assert lines[2] == "60 frames a second, 12 ms old"
-    assert words(told(profile, free(3)), rate_Hz=60.0)[0] == "a.png: nothing touches, no force"
+    unseen = re.fullmatch(
+        r"a.png: nothing touches, no force above (0\.\d+) N", words(told(profile, free(3)), rate_Hz=60.0)[0]
+    )
+    assert unseen is not None
+    assert 0 < float(unseen[1]) < 0.1
     picture = draw(pressed(), seen, rate_Hz=60.0)
     assert picture.shape[1] == 2 * SHAPE[1]
     with Preview(load_sensor(profile).reconstructor, 0) as page:
@@ -215,9 +220,9 @@ def test_an_mcap_file_holds_every_frame_for_another_reader(profile: Path, tmp_pa
                 wrenches.append(json.loads(message.data))
             if channel.topic == "/depth":
                 assert len(message.data) > 4 * SHAPE[0] * SHAPE[1]
-    assert counts == dict.fromkeys(("/picture", "/depth", "/state", "/tractions", "/wrench"), 10)
+    assert counts == dict.fromkeys(("/picture", "/depth", "/state", "/tractions", "/wrench", "/patches"), 10)
     assert (schemas["/picture"], schemas["/depth"]) == ("foxglove.RawImage", "foxglove.Grid")
-    assert wrenches[0]["force_N"] == [0.0, 0.0, 0.0]
+    assert wrenches[0]["force_N"] == [None, None, 0.0], "shear is not measured here"
     assert wrenches[7]["force_N"][:2] == [None, None]
     assert wrenches[7]["force_N"][2] > 0.1
     assert [name.name for name in path.parent.iterdir()] == ["live.mcap"]
