@@ -25,7 +25,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.batched_slopes import Level, active_blocks, undone, window_mask
+from tactilevision.heightmap.batched_slopes import Level, active_blocks, unmixed, window_mask
 from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson, Planes
 from tactilevision.heightmap.deviation import Surface
 from tactilevision.heightmap.device import HOST, Recorded, each, find_device
@@ -288,13 +288,13 @@ class BatchReader:
         Of frames in means (B, 3, h, w) and, to read steeper places pixel by pixel, in pixels (B, 3, H, W).
         """
         drifts = self.drift.measure(tiles)
-        slopes = self.means.slopes(undone(tiles, drifts, self.drift.power), drifts.gains)
+        slopes = self.means.slopes(unmixed(tiles, drifts, self.drift.power), drifts.gains)
         blocks = active_blocks(slopes, self.tiled, self.threshold, self.per_noise)
         odd = drifts.odd
         if greys is None:
             odd = odd | blocks.any(2).any(1)
         else:
-            fine = self.pixels.slopes(undone(greys, drifts, self.drift.power), drifts.gains)
+            fine = self.pixels.slopes(unmixed(greys, drifts, self.drift.power), drifts.gains)
             inside = window_mask(blocks, self.tiled)
             slopes = torch.where(inside[:, None], fine, self._in_pixels(slopes))
         return drifts, slopes, odd | ~(slopes.square().sum(1).amax((1, 2)).sqrt() < self.limit)

@@ -115,7 +115,7 @@ LAWS: dict[type[Evaluator], Callable[[Any, Callable[[Any], Tensor]], Law]] = {
 }
 
 
-def undone(greys: Tensor, drifts: Drifts, power: int) -> Tensor:
+def unmixed(greys: Tensor, drifts: Drifts, power: int) -> Tensor:
     """Return grey levels (B, 3, h, w) with the light's mixing corrected, as `drift.undo_drift`."""
     if greys.device.type == "cpu" and not drifts.mixed.any():
         return greys
