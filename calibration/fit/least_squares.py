@@ -363,7 +363,7 @@ class Problem(Parametrised):
         return values
 
     def residual(self, free_values: Floats) -> Floats:
-        """Return the first of `linear`."""
+        """Return the residual (n,) alone, in standard deviations."""
         return self.linear(free_values)[0]
 
     def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:

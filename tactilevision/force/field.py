@@ -256,7 +256,7 @@ class ForceField:
 
     def _sticking(self, patches: Patches) -> float:
         """Return by what fraction the normal force would be greater if the touching cells had not slipped at all,
-        linearly. Beside them the gel is free either way.
+        linearly. Gel that does not touch is free in both cases.
         """
         seen, found = patches.seen, patches.found
         depth = seen.displacement_mm[-1].ravel()[found.cells]

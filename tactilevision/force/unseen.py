@@ -1,9 +1,9 @@
 """Upper limit of the normal force that a map without contact may hide.
 
-A hidden contact is a flat punch or a ball, its contact radius one thickness, pressed in by w; a narrower one hides
-less: .1 to .6 of the force at a third to six tenths of the radius. It sinks the cells by w T and has
-the force w P, both of the frictionless layer. At every place the depths u of deviation s are compared with T by a
-filter F, T over the power of the noise,
+A hidden contact is a flat punch or a ball, pressed in by w, whose contact radius is one thickness of the gel.
+Narrower contacts hide less force: .1 to .6 of it for radii of .3 to .6 thicknesses. The contact displaces the cells
+by w T and has the force w P, both of the frictionless layer. At each place the depths u, of standard deviation s,
+are compared with T by the filter F, which is T divided by the power of the noise,
 
     w = sum(F u/s^2) / sum(F T/s^2),
 
@@ -33,7 +33,7 @@ Waves = npt.NDArray[np.complexfloating]
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
-FAINT = 0.05  # of the deepest: cells of a template beyond are left out
+FAINT = 0.05  # of the deepest: shallower cells are not in a template
 
 
 @dataclass(frozen=True, slots=True)
