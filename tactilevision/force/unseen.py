@@ -1,8 +1,8 @@
 """Upper limit of the normal force that a map without contact may hide.
 
-A hidden contact is a flat punch or a ball, pressed in by w, whose contact radius is one thickness of the gel.
-Narrower contacts hide less force: .1 to .6 of it for radii of .3 to .6 thicknesses. The contact displaces the cells
-by w T and has the force w P, both of the frictionless layer. At each place the depths u, of standard deviation s,
+The hidden contact is a flat punch or a ball, pressed in by w, whose contact radius is one thickness of the gel.
+Narrower contacts hide less force: .1 to .6 of it for radii of .3 to .6 thicknesses. It displaces the cells by
+w T and has the force w P, both of the frictionless layer. At each place the depths u, of standard deviation s,
 are compared with T by the filter F, which is T divided by the power of the noise,
 
     w = sum(F u/s^2) / sum(F T/s^2),
