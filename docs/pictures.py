@@ -9,7 +9,6 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
-from scipy.ndimage import gaussian_filter
 
 from calibration.report.misfit import error_fall_of_comparison, force_curves
 from tactilevision import (
@@ -56,7 +55,7 @@ def draw_hero(calibration: Path) -> Figure:
     near = np.s_[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]
     surface = Axes3D(figure, rect=(0.335, 0.10, 0.33, 0.80))
     figure.add_axes(surface)
-    depth = gaussian_filter(known_mm(height)[near], 1)
+    depth = known_mm(height)[near]
     relief(surface, depth, height.mm_per_px, most=200, limits=colour_limits(depth))
     surface.view_init(elev=42, azim=-70)
     surface.set_box_aspect(surface._box_aspect, zoom=1.22)
