@@ -138,9 +138,7 @@ def relief(
 ) -> float:
     """Draw a field (H, W) in mm, downwards, with `most` points along a side; return its vertical scale."""
     step = max(1, -(-max(field_mm.shape) // most))
-    coarse = _smooth(field_mm, FACETS * step)[
-        ::step, ::step
-    ]  # a wall of one facet's width would show a pattern of facets
+    coarse = _smooth(field_mm, FACETS * step)[::step, ::step]  # or walls show their facets
     x, y = np.meshgrid(*(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], mm_per_px, strict=True)))
     low, high = limits
     axes.plot_surface(
