@@ -90,14 +90,14 @@ def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str
     try:
         seen = sensor.read(rgb)
     except InputError as fault:
-        depth = np.full(_size(sensor, shrink), np.nan, np.float32)
-        return unknown | {"depth_mm": depth, "contact": False, "flags": f"not read: {fault.what}"}
+        nothing = np.full(_size(sensor, shrink), np.nan)
+        return unknown | {"depth_mm": nothing, "contact": False, "flags": f"not read: {fault.what}"}
     assert isinstance(seen, Seen)
     height, wrench = seen.height, seen.wrench
-    depth = np.where(height.valid, height.depth_mm, np.nan)
+    depth = np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
     pressed = seen.contact & height.valid
     found: dict[str, Any] = {
-        "depth_mm": shrunk(depth, shrink).astype(np.float32),
+        "depth_mm": shrunk(depth, shrink),
         "contact": bool(seen.contact.any()),
         "peak_mm": float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
         "area_mm2": float(seen.contact.sum() * np.prod(height.mm_per_px)),
@@ -217,9 +217,9 @@ def annotate(
     column. The reference is the profile's. Raises InputError for frames of another size, for features that exist,
     for native depth without a stated gel, and as `pictures` does; OutputError where `out` has metadata already.
     """
-    about, video = sensor.profile.sensor, None
+    video = None
     if native:
-        video = DepthVideo(_size(sensor, shrink), dataset.rate_Hz, depth_range_mm(about))
+        video = DepthVideo(_size(sensor, shrink), dataset.rate_Hz, depth_range_mm(sensor.profile.sensor))
     added = schema(dataset.camera, sensor, shrink=shrink, video=video)
     there = [key for key in added if key in dataset.features]
     if there:
@@ -233,12 +233,6 @@ def annotate(
         work.write_episodes(folder)
         work.write_info(folder)
         _copy_rest(dataset, folder)
-    if work.beyond:
-        said = f"{work.beyond} frames have depth beyond the gel's thickness, masked in {base_of(dataset.camera)}"
-        warnings = (
-            *warnings,
-            f"{said}.depth_valid: is the stated thickness, {about.gel.thickness_mm:g} mm, right?",
-        )
     return Annotated(len(dataset.episodes), work.done, work.in_contact, work.not_read, tuple(added), warnings)
 
 
@@ -252,7 +246,6 @@ class _Work:
     progress: Progress
     video: DepthVideo | None = None
     starts: dict[int, int] = field(default_factory=dict)  # of an episode within its table, and so its video
-    beyond: int = 0
     done: int = 0
     in_contact: int = 0
     not_read: int = 0
@@ -295,7 +288,6 @@ class _Work:
         for place, (number, one) in enumerate(readings, start=self.done - before):
             self.starts.setdefault(number, place)
             stored = put(one["depth_mm"])
-            self.beyond += int((np.isfinite(one["depth_mm"]) & np.isnan(stored)).any())
             one |= {"depth_mm": stored.astype(np.float32), "depth_valid": np.isfinite(stored)}
             one[depth_key(camera)] = stored * MILLI
         columns = {key: [one[name] for _, one in readings] for key, name in names.items()}

@@ -173,8 +173,10 @@ def test_native_depth_needs_the_gels_thickness_and_tells_depth_beyond_it(root: P
     thin = CalibratedSensor(
         replace(made, sensor=replace(made.sensor, gel=Gel(0.3)), calibration=None, compliance=None)
     )
-    told = annotate(read_dataset(root, TACTILE), thin, tmp_path / "thin", native=True)
-    assert "4 frames have depth beyond the gel's thickness" in told.warnings[-1]
+    assert annotate(read_dataset(root, TACTILE), thin, tmp_path / "thin", native=True).not_read == 4
+    table = pq.read_table(tmp_path / "thin" / TABLE)
+    assert "mm deep, more than the 0.24 mm that this gel allows" in table["observation.tactile.flags"][9].as_py()
+    assert not np.any(table["observation.tactile.depth_valid"].to_pylist()[9])
 
 
 def test_single_pictures_are_read_as_they_were_taken(root: Path, tmp_path: Path) -> None:
