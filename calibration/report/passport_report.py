@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 from calibration.report import page, wording
 from calibration.report.report import SOURCES
-from calibration.tasks.ageing import FIRST, LOOKS
+from calibration.tasks.ageing import FIRST, SERIES
 from calibration.tasks.passport import ESTIMATES, Entry, Passport
 from tactilevision.records.measured import Estimate
 
 LEVEL_NOTE = (
-    f"At most one in 20 series of {LOOKS} recordings of a gel that does not age reports a change, looked at after "
-    f"each recording from the third on. It takes {FIRST} recordings to tell a drift from scatter."
+    f"At most one in 20 series of {SERIES} recordings of a gel that does not age reports a change, looked at "
+    f"after each recording from the third on. It takes {FIRST} recordings to tell a drift from scatter."
 )
 SHA_NOTE = "The SHA-256 of a recording is what this prints in its folder:"
 SHA = "find . -type f ! -path '*/.*' | LC_ALL=C sort | xargs -d '\\n' sha256sum | sha256sum"

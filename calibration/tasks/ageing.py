@@ -5,12 +5,14 @@ stiffness c, so each recording k counts with its own noise s_k alone:
 
     ln c_k = a + b t_k + e_k,    var e_k = s_k^2 + tau^2,
 
-by weighted least squares. tau is what recordings scatter beyond what each one states, as by mounting: by moments,
-from three recordings on (DerSimonian and Laird, Control. Clin. Trials 7 (1986) 177).
+by weighted least squares. s_k^2, known by some ten presses, is moderated by the mean of all recordings with the
+weight of MODERATE degrees of freedom (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3). tau is what recordings
+scatter beyond what each one states, as by mounting: by moments, from three recordings on (DerSimonian and Laird,
+Control. Clin. Trials 7 (1986) 177).
 
-The line is fitted anew at every recording from FIRST on. A change is reported where b differs from 0 at the
-level LEVEL/LOOKS by Student's distribution (Welch's degrees of freedom). Of series of LOOKS recordings of a gel
-that does not age at most LEVEL then report one, however often they are looked at (Bonferroni).
+The line is fitted anew at every recording from FIRST on. A change is reported where b differs from 0 at the level
+LEVEL/LOOKS by Student's distribution (Welch's degrees of freedom), LOOKS the number of fits in SERIES recordings.
+Of such series of a gel that does not age at most LEVEL report a change, looked at after each (Bonferroni).
 """
 
 from __future__ import annotations
@@ -26,8 +28,10 @@ from calibration.fit.repeats import LEVEL
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Estimate, Floats, Pair
 
-LOOKS = 12  # recordings in which at most LEVEL of steady gels are reported as changed
+SERIES = 12  # recordings in which at most LEVEL of steady gels are reported as changed
 FIRST = 3  # recordings before which a drift cannot be told from how recordings scatter
+LOOKS = SERIES - FIRST + 1  # at a series, one after each recording
+MODERATE = 10.0  # degrees of freedom of the mean variance of all recordings for each one's
 WEEK = 7  # days
 
 
@@ -67,6 +71,8 @@ def fit_line(days: Floats, log_c: Floats, std: Floats, dof: Floats) -> Line:
     from scipy.stats import chi2, t as student
 
     count, own = len(days), np.maximum(std, TINY) ** 2
+    own = (dof * own + MODERATE * np.average(own, weights=dof)) / (dof + MODERATE)
+    dof = dof + MODERATE
     weight, scatter, p_scatter = 1 / own, 0.0, 1.0
     if count >= FIRST:
         design = np.stack([np.ones(count), days - days.mean()], axis=1)

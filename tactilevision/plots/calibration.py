@@ -177,7 +177,7 @@ def draw_ageing(
     bars = Z95 * 100 * std
     above.errorbar(days, 100 * change, yerr=bars, fmt="o", color="black", label="recordings, with their own noise")
     above.axhline(0, color=style.GREY, linewidth=0.8)
-    above.set(ylabel="change of stiffness (%)", title=f"{dates[0]} to {dates[1]}")
+    above.set(ylabel="change of stiffness (%)", title=f"Ageing of the gel, {dates[0]} to {dates[1]}")
     for day, one in zip(days, modulus, strict=True):
         if one.interval95 is not None:
             low, high = one.interval95
