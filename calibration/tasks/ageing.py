@@ -32,7 +32,7 @@ SERIES = 12  # recordings in which at most LEVEL of steady gels are reported as 
 FIRST = 3  # recordings before which a drift cannot be told from how recordings scatter
 LOOKS = SERIES - FIRST + 1  # at a series, one after each recording
 MODERATE = 10.0  # degrees of freedom of the mean variance of all recordings for each one's
-WEEK = 7  # days
+WEEK = 7  # days in a week
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,10 @@ class Line:
 
 
 def fit_line(days: Floats, log_c: Floats, std: Floats, dof: Floats) -> Line:
-    """Return the line through ln c (n,) over days (n,); `std` (n,) of ln c with `dof` (n,). At least two days."""
+    """Return the line through ln c (n,) over time (n,) in days, of two at least.
+
+    `std` (n,) of ln c, dimensionless, is known with `dof` (n,) degrees of freedom.
+    """
     from scipy.stats import chi2, t as student
 
     count, own = len(days), np.maximum(std, TINY) ** 2
@@ -111,9 +114,13 @@ class Ageing:
 
 
 def ageing(
-    dates: Sequence[datetime.date], log_c: Sequence[float], std: Sequence[float], dof: Sequence[float],
-    *, tolerance: float,
-) -> Ageing:  # fmt: skip
+    dates: Sequence[datetime.date],
+    log_c: Sequence[float],
+    std: Sequence[float],
+    dof: Sequence[float],
+    *,
+    tolerance: float,
+) -> Ageing:
     """Return how ln c (n,) at these dates, in order, has changed; `std` of ln c with `dof` degrees of freedom.
 
     `tolerance` is the relative error of E that is tolerated. The date to recalibrate is that at which the fastest

@@ -23,7 +23,7 @@ from tactilevision.recording.model import Recording
 from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Estimate
 
-FORMAT = 1
+FORMAT = 1  # version of passport.json
 SAME = 1e-6  # of a thickness or a radius: less is the same number
 TAIL = 0.1  # of a hold, at its beginning and at its end: forces are averaged over it
 UNLIKELY = 1e-3  # p of the scatter of recordings below which it is told

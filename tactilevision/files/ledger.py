@@ -17,11 +17,9 @@ from tactilevision.files.opening import open_regular, read_bytes
 from tactilevision.files.writing import replacing
 
 APPLICATION = 0x7AC71E  # application_id of the file, by which it is known
-COLUMNS = {
-    "sensor": "TEXT NOT NULL", "sha256": "TEXT NOT NULL", "date": "TEXT NOT NULL", "recording": "TEXT NOT NULL",
-    "youngs_modulus_MPa": "REAL", "poisson_ratio": "REAL", "c_N_per_mm": "REAL", "thickness_mm": "REAL",
-    "content": "TEXT NOT NULL",
-}  # fmt: skip
+WORDS = ("sensor", "sha256", "date", "recording", "content")
+NUMBERS = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "thickness_mm")
+COLUMNS = dict.fromkeys(WORDS, "TEXT NOT NULL") | dict.fromkeys(NUMBERS, "REAL")
 TABLE = f"CREATE TABLE entries ({', '.join(map(' '.join, COLUMNS.items()))}, PRIMARY KEY (sensor, sha256))"
 _AGAIN = "Name another file with --ledger, or restore this one from a copy."
 _CHUNK = 1 << 20  # bytes of a file that are hashed at a time

@@ -62,11 +62,10 @@ class DepthVideo:
     def info(self) -> dict[str, Any]:
         """Return LeRobot's description of the video; depths are in metres."""
         height, width = self.size
-        video = {
-            "height": height, "width": width, "codec": "hevc", "pix_fmt": FORMAT, "fps": round(self.rate_Hz),
-            "channels": 1, "g": 2, "extra_options": LOSSLESS, "depth_min": 0.0,
-            "depth_max": self.range_mm * MILLI, "shift": 0.0, "use_log": False,
-        }  # fmt: skip
+        shape = {"height": height, "width": width, "channels": 1, "fps": round(self.rate_Hz)}
+        packing = {"codec": "hevc", "pix_fmt": FORMAT, "g": 2, "extra_options": LOSSLESS}
+        scale = {"depth_min": 0.0, "depth_max": self.range_mm * MILLI, "shift": 0.0, "use_log": False}
+        video: dict[str, Any] = shape | packing | scale
         about = {"is_depth_map": True, "depth_unit": "m", "has_audio": False}
         return about | {f"video.{name}": value for name, value in video.items()}
 

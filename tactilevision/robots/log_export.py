@@ -55,7 +55,7 @@ def wrench_message(force_N: Floats, moment_Nmm: Floats, *, time_ns: int, frame_i
 
 
 POINT = ("x", "y", "z", "traction_x", "traction_y", "traction_z", "patch")  # fields of a node: m, Pa, a number
-FLOAT32 = 7  # of sensor_msgs/PointField
+FLOAT32 = 7  # its number in sensor_msgs/PointField
 
 
 def traction_message(tractions: Tractions, number: int, *, time_ns: int, frame_id: str, encoding: str) -> Any:
