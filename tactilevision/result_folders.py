@@ -30,7 +30,7 @@ from calibration.report.report import calibration_page, comparison_page
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, as_comparison
-from calibration.tasks.passport import Entry, Passport, check_sources, entry_of, passport_of, source_of
+from calibration.tasks.passport import Passport, check_sources, entry_of, passport_of, source_of, stored_entry
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.batch.tree import find_recordings
@@ -409,7 +409,7 @@ def write_passport(
     opened = [one for group in found_in for one in sorted(group, key=lambda one: str(one.date or ""))]
     sources = [source_of(one, folder_digest(one.path)) for one in opened]
     stored = [] if ledger is None else read_ledger(ledger, sources[0].sensor)
-    known = [Entry.of(content, where=ledger) for content in stored]
+    known = [stored_entry(content, where=ledger) for content in stored]
     have = {one.sha256 for one in known}
     fresh = [k for k, one in enumerate(sources) if one.sha256 not in have]
     check_sources(sources)
@@ -419,7 +419,7 @@ def write_passport(
         (done,) = calibrate_each([opened[place]], listener=listener)
         certificate = done.certified.certificate
         curves = certificate.curves if certificate else done.certified.measured.curves
-        radius_mm = next((one.radius_mm for one in entries if one.own_c > 0), None)
+        radius_mm = next((one.own.radius_mm for one in entries if one.own is not None), None)
         measured, told = done.certified.measured, (done.content, done.result)
         entries.append(entry_of(sources[place], measured, *told, curves=curves, radius_mm=radius_mm))
     found = passport_of(entries, tolerance=tolerance)
@@ -428,7 +428,7 @@ def write_passport(
         write_json(stage / "passport.json", found.as_json())
         write_text(stage / "passport.html", passport_page(found, figure))
         if ledger is not None:
-            write_ledger(ledger, [one.content for one in entries])
+            write_ledger(ledger, [one.as_json() for one in entries])
     return found
 
 

@@ -13,16 +13,16 @@ from typing import Any
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.files.ledger import folder_digest, read_ledger, write_ledger
+from tactilevision.files.ledger import NUMBERS, folder_digest, read_ledger, write_ledger
 
 ROOT = Path(__file__).parents[1]
 PRINTED = "find . -type f ! -path '*/.*' | LC_ALL=C sort | xargs -d '\\n' sha256sum | sha256sum"
 
 
 def entry(sensor: str, sha256: str, E: float | None = 0.2) -> dict[str, Any]:
-    numbers = {name: {"value": E} for name in ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm")}
+    numbers = {name: {"value": E} for name in NUMBERS}
     told = {"sensor": sensor, "sha256": sha256, "date": f"2026-01-0{sha256}", "recording": f"r{sha256}"}
-    return told | numbers | {"thickness_mm": 3.0}
+    return told | {"numbers": numbers}
 
 
 def test_a_folders_hash_is_what_coreutils_print(tmp_path: Path) -> None:

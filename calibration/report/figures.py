@@ -57,7 +57,6 @@ class FigureChoice:
 
 
 STEPS = 40  # places along a fitted drift
-SMALL = 1e-9  # std of ln c: keeps the weight of an exact recording finite
 USUAL = FigureChoice()  # PNG, a few presses
 
 
@@ -165,16 +164,17 @@ def of_history(rows: Sequence[HistoryRow], folder: FigureFolder) -> None:
 
 def of_ageing(found: Passport, folder: FigureFolder) -> str:
     """Draw the change of the stiffness and E over time; nothing where no recording has a stiffness."""
-    entries, line = [one for one in found.entries if one.own_c > 0], found.ageing.line
-    if not entries:
+    line, each = found.ageing.line, [(one, one.own) for one in found.entries if one.own is not None]
+    if not each:
         return ""
+    entries, owns = zip(*each, strict=True)
     days = np.array([(one.date - entries[0].date).days for one in entries], float)
-    log_c = np.log([one.own_c for one in entries])
-    std = np.array([one.own_c_std / one.own_c for one in entries])
+    log_c = np.log([own.value for own in owns])
+    std = np.array([own.std / own.value for own in owns])
     drawn, begin = None, log_c[0]
     if line is not None:
         at = np.linspace(0, days[-1], STEPS)
-        weight = 1 / (np.maximum(std, SMALL) ** 2 + line.scatter**2)
+        weight = 1 / (std**2 + line.scatter**2)
         begin = np.average(log_c - line.rate * days, weights=weight)
         drawn = line.band(at)
     words = "Above: the change of the stiffness c since the first recording, by its own noise alone. "
@@ -184,7 +184,7 @@ def of_ageing(found: Passport, folder: FigureFolder) -> str:
         np.expm1(log_c - begin),
         std,
         line=drawn,
-        modulus=[one.estimate("youngs_modulus_MPa") for one in entries],
+        modulus=[one.numbers["youngs_modulus_MPa"] for one in entries],
         dates=(str(entries[0].date), str(entries[-1].date)),
     )
     return folder.keep(figure, "ageing.png", caption=words)

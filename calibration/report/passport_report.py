@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from calibration.report import page, wording
 from calibration.report.report import SOURCES
 from calibration.tasks.ageing import FIRST, SERIES
-from calibration.tasks.passport import ESTIMATES, Entry, Passport
+from calibration.tasks.passport import NUMBERS, Passport
 from tactilevision.records.measured import Estimate
 
 LEVEL_NOTE = (
@@ -29,7 +29,7 @@ def percent(found: Estimate) -> str:
 def passport_lines(found: Passport) -> Iterator[str]:
     """Yield E, the change, and when to recalibrate, as lines for the terminal and the page."""
     last, ageing = found.entries[-1], found.ageing
-    yield f"E on {last.date}: {wording.estimate(last.estimate('youngs_modulus_MPa'))}"
+    yield f"E on {last.date}: {wording.estimate(last.numbers['youngs_modulus_MPa'])}"
     if ageing.change.value is None:
         yield f"change of E: {percent(ageing.change)}"
     else:
@@ -46,7 +46,8 @@ def passport_page(found: Passport, figure: str) -> str:
     last = found.entries[-1]
     kind = "verdict found" if found.ageing.reported else "verdict clean" if found.ageing.line else "verdict"
     numbers = [
-        (title, wording.estimate(last.estimate(key)), _basis(key, last)) for key, title in ESTIMATES.items()
+        (title, wording.estimate(last.numbers[key]), SOURCES.get(last.source(key), last.source(key)))
+        for key, title in NUMBERS.items()
     ]
     return page.page(
         f"Passport of {found.sensor}",
@@ -58,31 +59,15 @@ def passport_page(found: Passport, figure: str) -> str:
         page.section("Warnings", page.listing(found.warnings)),
         page.section("Over time", figure, _table(found)),
         page.section(f"The gel on {last.date}", page.table(("", "value and 95 % interval", "rests on"), numbers)),
-        page.section("Assumptions of the last recording", page.listing(last.content.get("assumptions", ()))),
+        page.section("Assumptions of the last recording", page.listing(last.kept["assumptions"])),
         page.section("Sources", _sources(found), page.paragraph(SHA_NOTE, kind="soft"), page.command(SHA)),
     )
 
 
-def _basis(key: str, one: Entry) -> str:
-    """Return what a number rests on."""
-    if one.estimate(key).value is None:
-        return ""
-    count = len(one.content.get("presses_accepted", ()))
-    source = str(one.content.get("poisson_ratio_source", ""))
-    return {
-        "youngs_modulus_MPa": f"{count} presses, the thickness, and ν",
-        "poisson_ratio": SOURCES.get(source, source),
-        "c_N_per_mm": f"{count} presses of radius {one.radius_mm:g} mm",
-        "thickness": "recording.toml",
-        "relaxation": "share of the force lost in a hold " + one.estimate("relaxation").why,
-        "temperature": "temperature_C of presses or forces: mean and range",
-    }.get(key, "")
-
-
 def _table(found: Passport) -> str:
-    names = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "temperature")
+    names = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "temperature_C")
     rows = [
-        (str(one.date), one.recording, *(_short(one.estimate(name)) for name in names)) for one in found.entries
+        (str(one.date), one.recording, *(_short(one.numbers[name]) for name in names)) for one in found.entries
     ]
     return page.table(("date", "recording", "E (MPa)", "ν", "c (N/mm)", "temperature (°C)"), rows)
 

@@ -134,8 +134,8 @@ def ageing(
         if days[count - 1] > 0
     }
     if len(days) not in lines:
-        had = "one recording" if len(days) == 1 else f"{len(days)} recordings"
-        why = f"{had} on {len(set(dates))} dates: a drift takes {FIRST} recordings of two dates at least"
+        had = f"recordings: {len(days)}, dates: {len(set(dates))}"
+        why = f"{had}; a drift takes {FIRST} recordings that determine c, of two dates at least"
         nothing = Estimate(None, None, None, "1", why)
         return Ageing(nothing, Estimate(None, None, None, "1/week", why), None, None, why)
     line, span = lines[len(days)], float(days[-1])

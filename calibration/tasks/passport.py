@@ -7,9 +7,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, TypeAdapter
 
 from calibration.fit.identifiability import main_radius
 from calibration.inputs.observations import Measured
@@ -18,7 +19,6 @@ from calibration.result.result import CalibrationResult, versions
 from calibration.tasks.ageing import FIRST, Ageing, ageing
 from calibration.tasks.calibrate import own_stiffness
 from tactilevision.errors import InputError
-from tactilevision.files.opening import number
 from tactilevision.recording.model import Recording
 from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Estimate
@@ -26,6 +26,8 @@ from tactilevision.records.measured import Curve, Estimate
 FORMAT = 1  # version of passport.json
 SAME = 1e-6  # of a thickness or a radius: less is the same number
 TAIL = 0.1  # of a hold, at its beginning and at its end: forces are averaged over it
+ANOTHER_GEL = "Correct thickness_mm, or begin another passport with another serial."
+IN_ORDER = "Name recordings in order of time, or correct date in recording.toml."
 UNLIKELY = 1e-3  # p of the scatter of recordings below which it is told
 
 
@@ -53,59 +55,78 @@ def source_of(recording: Recording, digest: tuple[str, int]) -> Source:
     return Source(name, recording.date, recording.name, *digest, gel.thickness_mm, gel.thickness_std_mm)
 
 
-@dataclass(frozen=True, slots=True)
-class Entry(Source):
-    """One recording in a passport; `content` is what is stored of it.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-    `own_c` is the stiffness of punches of `radius_mm` in N/mm (E in MPa for other shapes) with its own noise
-    alone, `own_c_std` and `own_c_dof`; NaN where the presses determine none.
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """Stiffness c of punches of `radius_mm`, N/mm, by its own noise alone: `std` with `dof` degrees of freedom.
+
+    Of other shapes, of radius 0, E in MPa.
     """
 
     radius_mm: float
-    own_c: float
-    own_c_std: float
-    own_c_dof: float
-    content: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any], *, where: object) -> Entry:
-        """Return the entry of stored content. Raises InputError where a key is missing or holds something else."""
-        found = zip(NUMBERS, _numbers(content, NUMBERS, where=where), strict=True)
-        numbers: dict[str, Any] = {name: math.nan if one is None else one for name, one in found}
-        for name in (*WORDS, *ESTIMATES):
-            if not isinstance(content.get(name), str if name in WORDS else Mapping):
-                raise InputError("an entry of a passport lacks a key", where=where, value=name)
-        sensor, date, recording, sha256 = (str(content[name]) for name in WORDS)
-        try:
-            day = datetime.date.fromisoformat(date)
-        except ValueError as fault:
-            raise InputError("a date is year-month-day", where=where, value=date) from fault
-        return cls(sensor, day, recording, sha256, int(content.get("files", 0)), content=content, **numbers)
-
-    def estimate(self, name: str) -> Estimate:
-        """Return one of ESTIMATES."""
-        told = self.content[name]
-        value, std = _numbers(told, ("value", "std"), where=self.recording)
-        low, high = (*(told.get("interval95") or ()), None, None)[:2]
-        interval = None if low is None or high is None else (float(low), float(high))
-        return Estimate(value, std, interval, str(told.get("unit", "")), str(told.get("why", "")))
+    value: Positive
+    std: Positive
+    dof: Positive
 
 
-def _numbers(content: Mapping[str, Any], names: Sequence[str], *, where: object) -> list[float | None]:
-    return [number(content.get(name), what=name, where=where) for name in names]
+@dataclass(frozen=True, slots=True)
+class Entry(Source):
+    """One recording in a passport: its NUMBERS, what it keeps of calibration.json, and its own stiffness.
+
+    `own` is None where the presses determine none.
+    """
+
+    own: Own | None
+    numbers: Mapping[str, Estimate]
+    kept: Mapping[str, Any]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain words and numbers."""
+        return {**asdict(self), "date": str(self.date)}
+
+    def source(self, name: str) -> str:
+        """Return what one of NUMBERS rests on, "" where it has no value."""
+        own, count = self.own, len(self.kept["presses_accepted"])
+        sources = {
+            "youngs_modulus_MPa": f"{count} presses, the thickness, and nu",
+            "poisson_ratio": str(self.kept["poisson_ratio_source"]),
+            "c_N_per_mm": f"{count} presses" + ("" if own is None else f", radius {own.radius_mm:g} mm"),
+            "thickness_mm": "recording.toml",
+            "relaxation": f"share of the force lost in a hold {self.numbers['relaxation'].why}",
+            "temperature_C": "column temperature_C: mean, scatter and range",
+        }
+        return "" if self.numbers[name].value is None else sources.get(name, "")
 
 
-WORDS = ("sensor", "date", "recording", "sha256")
-NUMBERS = ("thickness_mm", "thickness_std_mm", "radius_mm", "own_c", "own_c_std", "own_c_dof")
-ESTIMATES = {
+NUMBERS = {
     "youngs_modulus_MPa": "Young's modulus E",
     "poisson_ratio": "Poisson's ratio ν",
     "c_N_per_mm": "stiffness c",
-    "thickness": "thickness",
+    "thickness_mm": "thickness",
     "friction": "friction at the face",
     "relaxation": "relaxation",
-    "temperature": "temperature",
+    "temperature_C": "temperature",
 }
+KEPT = (
+    *("poisson_ratio_source", "presses_accepted", "presses_rejected", "assumptions", "warnings", "flags"),
+    "versions",
+)  # keys of calibration.json that an entry keeps
+
+
+def stored_entry(content: Mapping[str, Any], *, where: object) -> Entry:
+    """Return an entry of a ledger. Raises InputError for one that is damaged."""
+    try:
+        found: Entry = TypeAdapter(Entry).validate_python(content)
+    except ValueError as fault:
+        why = " ".join(str(fault).split())[:160]
+        raise InputError("an entry of the ledger is damaged", where=where, value=why) from fault
+    lacks = [name for name in NUMBERS if name not in found.numbers]
+    lacks += [name for name in KEPT if name not in found.kept]
+    if lacks:
+        raise InputError("an entry of the ledger lacks a key", where=where, value=lacks[0])
+    return found
 
 
 def entry_of(
@@ -121,30 +142,27 @@ def entry_of(
 
     `content` is that of calibration.json; `curves` are of whole presses.
     """
-    recording, own = measured.recording, dict.fromkeys(NUMBERS[2:])
+    own = None
     if result is not None:
         radii, main = result.fitted.data.presses.radius_mm, main_radius(result.fitted)
         at_mm = radius_mm if radius_mm is not None and (abs(radii - radius_mm) < SAME).any() else main
-        flat = shape_of(result.fitted.model.law) == FLAT
-        c, dof = own_stiffness(result.fitted, at_mm if flat else None)
-        own = dict(zip(own, (at_mm, c.value, c.std, min(dof, 1 / SAME)), strict=True))
-    told = {
-        **asdict(source),
-        "date": str(source.date),
-        **{name: content[name] for name in KEPT},
-        "thickness": _thickness(source).as_json(),
-        "friction": _friction(recording).as_json(),
-        "relaxation": relaxation(curves).as_json(),
-        "temperature": _temperature(recording).as_json(),
-        **own,
+        at_mm = at_mm if shape_of(result.fitted.model.law) == FLAT else 0.0
+        c, dof = own_stiffness(result.fitted, at_mm or None)
+        if c.value is not None and c.value > 0:
+            own = Own(at_mm, c.value, max(c.std or 0.0, SAME * c.value), min(dof, 1 / SAME))
+    numbers = {
+        **{name: _estimate(content[name]) for name in ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm")},
+        "thickness_mm": _thickness(source),
+        "friction": _friction(measured.recording),
+        "relaxation": relaxation(curves),
+        "temperature_C": _temperature(measured.recording),
     }
-    return Entry.of(told, where=recording.name)
+    return Entry(**asdict(source), own=own, numbers=numbers, kept={name: content[name] for name in KEPT})
 
 
-KEPT = (
-    *("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "poisson_ratio_source", "presses_accepted"),
-    *("presses_rejected", "assumptions", "warnings", "flags", "versions"),
-)  # keys of calibration.json that an entry keeps
+def _estimate(told: Mapping[str, Any]) -> Estimate:
+    interval = told["interval95"]
+    return Estimate(**{**told, "interval95": None if interval is None else (interval[0], interval[1])})
 
 
 def _thickness(source: Source) -> Estimate:
@@ -213,19 +231,24 @@ class Passport:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of passport.json."""
-        found, line = self.ageing, self.ageing.line
+        found, line, last = self.ageing, self.ageing.line, self.entries[-1]
         by = found.recalibrate_by
+        dated = {
+            name: one.as_json() | {"date": str(last.date), "source": last.source(name)}
+            for name, one in last.numbers.items()
+        }
         return {
             "format": FORMAT,
             "sensor": self.sensor,
+            **dated,
             "change": found.change.as_json(),
             "change_per_week": found.rate.as_json(),
             "change_reported": None if found.reported is None else str(found.reported),
             "scatter_between_recordings": None if line is None else line.scatter,
             "scatter_p": None if line is None else line.p_scatter,
             "tolerance": self.tolerance,
-            "recalibrate_by": {"date": None if by is None else str(by), "why": found.why},
-            "entries": [dict(one.content) for one in self.entries],
+            "next_calibration": {"date": None if by is None else str(by), "why": found.why},
+            "history": [one.as_json() for one in self.entries],
             "warnings": list(self.warnings),
             "versions": versions(),
         }
@@ -234,33 +257,19 @@ class Passport:
 def passport_of(entries: Sequence[Entry], *, tolerance: float) -> Passport:
     """Return the passport of these entries. Raises InputError as `check_sources` does."""
     check_sources(entries)
-    radius_mm = next((one.radius_mm for one in entries if math.isfinite(one.own_c)), math.nan)
-    used = [one for one in entries if one.own_c > 0 and not abs(one.radius_mm - radius_mm) > SAME]
-    found = (
-        ageing(
-            [one.date for one in used],
-            [math.log(one.own_c) for one in used],
-            [one.own_c_std / one.own_c for one in used],
-            [one.own_c_dof for one in used],
-            tolerance=tolerance,
-        )
-        if used
-        else _nothing()
-    )
-    return Passport(tuple(entries), found, tolerance, tuple(_warnings(entries, used, found)))
+    known = [(one.date, one.own) for one in entries if one.own is not None]
+    used = [(date, own) for date, own in known if abs(own.radius_mm - known[0][1].radius_mm) < SAME]
+    log_c, std = [math.log(own.value) for _, own in used], [own.std / own.value for _, own in used]
+    found = ageing([date for date, _ in used], log_c, std, [own.dof for _, own in used], tolerance=tolerance)
+    return Passport(tuple(entries), found, tolerance, tuple(_warnings(entries, [own for _, own in used], found)))
 
 
-def _nothing() -> Ageing:
-    why = "no recording determines a stiffness"
-    return Ageing(Estimate(None, None, None, "1", why), Estimate(None, None, None, "1/week", why), None, None, why)
-
-
-def _warnings(entries: Sequence[Entry], used: Sequence[Entry], found: Ageing) -> Iterator[str]:
+def _warnings(entries: Sequence[Entry], used: Sequence[Own], found: Ageing) -> Iterator[str]:
     for one in entries:
-        if one not in used:
-            other = (
-                f"it pressed with another radius, {one.radius_mm:g} mm" if one.own_c > 0 else "it has no stiffness"
-            )
+        if one.own is None:
+            yield f"{one.recording} is not compared with the others: it determines no stiffness"
+        elif one.own not in used:
+            other = f"its punch has another radius, {one.own.radius_mm:g} mm"
             yield f"{one.recording} is not compared with the others: {other}"
     if " " not in entries[-1].sensor:
         yield "no serial number is stated ([sensor] serial): any gel of this kind counts as this one"
@@ -273,29 +282,24 @@ def _warnings(entries: Sequence[Entry], used: Sequence[Entry], found: Ageing) ->
 
 def check_sources(entries: Sequence[Source]) -> None:
     """Raise InputError for recordings of two sensors, of two thicknesses, given twice, or not in order of time."""
-    first = entries[0]
+    first, seen = entries[0], [one.sha256 for one in entries]
+    thick = f"that of {first.recording} is {first.thickness_mm:g} mm thick"
     for before, one in pairwise(entries):
-        if one.sensor != first.sensor:
-            raise InputError(
-                f"a passport is of one sensor, and {first.recording} is of {first.sensor}",
-                where=one.recording,
-                value=one.sensor,
-                remedy="Make one passport a sensor; they may share a ledger.",
-            )
         apart = abs(one.thickness_mm - first.thickness_mm)
-        if apart > Z95 * math.hypot(one.thickness_std_mm, first.thickness_std_mm) + SAME:
-            raise InputError(
-                f"a passport is of one gel, and that of {first.recording} is {first.thickness_mm:g} mm thick",
-                where=one.recording,
-                value=f"{one.thickness_mm:g} mm",
-                remedy="Correct thickness_mm, or begin another passport with another serial.",
-            )
-        if one.date < before.date:
-            raise InputError(
-                f"dates run backwards: {before.recording} is of {before.date}",
-                where=one.recording,
-                value=str(one.date),
-                remedy="Name recordings in order of time, or correct date in recording.toml.",
-            )
-        if one.sha256 in {other.sha256 for other in entries if other is not one}:
-            raise InputError("a recording is named twice", where=one.recording, value=one.sha256[:12])
+        sensor = f"a passport is of one sensor, and {first.recording} is of {first.sensor}"
+        backwards = f"dates run backwards: {before.recording} is of {before.date}"
+        reach = Z95 * math.hypot(one.thickness_std_mm, first.thickness_std_mm) + SAME
+        faults = (
+            (
+                one.sensor != first.sensor,
+                sensor,
+                one.sensor,
+                "Make one a sensor; a ledger holds many.",
+            ),
+            (apart > reach, f"a passport is of one gel, and {thick}", f"{one.thickness_mm:g} mm", ANOTHER_GEL),
+            (one.date < before.date, backwards, str(one.date), IN_ORDER),
+            (seen.count(one.sha256) > 1, "a recording is named twice", one.sha256[:12], "Name it once."),
+        )
+        for wrong, what, value, remedy in faults:
+            if wrong:
+                raise InputError(what, where=one.recording, value=value, remedy=remedy)

@@ -42,7 +42,7 @@ def folder_digest(folder: Path) -> tuple[str, int]:
     return whole.hexdigest(), len(shown)
 
 
-def read_ledger(path: Path, sensor: str) -> list[dict[str, Any]]:
+def read_ledger(path: Path, sensor: str) -> list[Any]:
     """Return the content of a sensor's entries in order of date; none where there is no file.
 
     Raises InputError for a file that is no ledger.
@@ -58,8 +58,6 @@ def read_ledger(path: Path, sensor: str) -> list[dict[str, Any]]:
             found = [json.loads(content) for (content,) in rows]
     except (sqlite3.Error, ValueError) as fault:
         raise InputError(f"the ledger is damaged: {fault}", where=path, remedy=_AGAIN) from fault
-    if not all(isinstance(one, dict) for one in found):
-        raise InputError("an entry of the ledger is damaged", where=path, remedy=_AGAIN)
     return found
 
 
@@ -90,9 +88,8 @@ def write_ledger(path: Path, entries: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _row(entry: Mapping[str, Any]) -> list[Any]:
-    told = {name: entry[name]["value"] for name in ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm")}
-    content = json.dumps(entry, ensure_ascii=False)
-    return [({**entry, **told, "content": content})[name] for name in COLUMNS]
+    told = {name: entry["numbers"][name]["value"] for name in NUMBERS}
+    return [({**entry, **told, "content": json.dumps(entry, ensure_ascii=False)})[name] for name in COLUMNS]
 
 
 def _check(base: sqlite3.Connection, path: Path) -> None:

@@ -19,11 +19,12 @@ from calibration.tasks.passport import Source, check_sources, relaxation
 from tactilevision import result_folders
 from tactilevision.cli import main
 from tactilevision.errors import InputError
+from tactilevision.pipeline import calibrate_each
 from tactilevision.recording.model import Recording
 from tactilevision.records.measured import Curve, Floats
 
 BEGIN = datetime.date(2026, 1, 5)
-DAYS = 7.0 * np.arange(12)
+DAYS: Floats = np.linspace(0, 77, 12)
 TOML = """format = 1
 name = "{name}"
 date = {date}
@@ -64,7 +65,7 @@ def dates_of(days: Floats) -> list[datetime.date]:
 
 def aged(log_c: Floats, std: float, *, dof: float = 10.0, tolerance: float = 0.05) -> Ageing:
     count = len(log_c)
-    return ageing(dates_of(DAYS[:count]), log_c, [std] * count, [dof] * count, tolerance=tolerance)
+    return ageing(dates_of(DAYS[:count]), log_c.tolist(), [std] * count, [dof] * count, tolerance=tolerance)
 
 
 def test_the_line_is_that_of_scipy_where_scatter_rules_and_of_numpy_where_it_does_not() -> None:
@@ -105,7 +106,7 @@ def test_the_date_follows_from_the_drift_and_goes_no_further_than_the_data_reach
     assert "say nothing of later" in flat.why
     for few in (aged(np.zeros(2), 0.01), ageing([BEGIN] * 4, [0.0] * 4, [0.01] * 4, [9.0] * 4, tolerance=0.05)):
         assert (few.change.value, few.recalibrate_by) == (None, None)
-        assert "a drift takes 3 recordings of two dates" in few.change.why
+        assert "a drift takes 3 recordings that determine c" in few.change.why
     assert FIRST == 3
 
 
@@ -150,25 +151,24 @@ def test_a_ledger_goes_on_from_what_it_holds(
 ) -> None:
     weeks = [week(tmp_path, k, 3.6 * 0.95**k) for k in range(3)]
     out, ledger = tmp_path / "out", tmp_path / "gels.sqlite"
-    assert run("passport", *weeks[:2], "--out", out, "--ledger", ledger) == 0
-    assert json.loads((out / "passport.json").read_text())["change"]["value"] is None
     calibrated = list[str]()
-    each_once = result_folders.calibrate_each
 
     def counted(opened: list[Recording], **how: Any) -> Any:
         calibrated.extend(one.name for one in opened)
-        return each_once(opened, **how)
+        return calibrate_each(opened, test=False, **how)
 
     monkeypatch.setattr(result_folders, "calibrate_each", counted)
+    assert run("passport", *weeks[:2], "--out", out, "--ledger", ledger) == 0
+    assert json.loads((out / "passport.json").read_text())["change"]["value"] is None
     assert run("passport", weeks[2], "--out", out, "--ledger", ledger) == 0
-    assert calibrated == [weeks[2].name]
+    assert calibrated == [one.name for one in weeks]
     told = json.loads((out / "passport.json").read_text())
-    assert [one["recording"] for one in told["entries"]] == [one.name for one in weeks]
+    assert [one["recording"] for one in told["history"]] == [one.name for one in weeks]
     assert told["change"]["value"] == pytest.approx(0.95**2 - 1, abs=0.02)
-    assert told["change_reported"] == told["entries"][2]["date"]
-    assert told["recalibrate_by"]["date"] < "2026-01-26"
+    assert told["change_reported"] == told["history"][2]["date"]
+    assert told["next_calibration"]["date"] < "2026-01-26"
     page = (out / "passport.html").read_text()
-    assert told["entries"][0]["sha256"] in page
+    assert told["history"][0]["sha256"] in page
     assert "A change is reported since" in page
     capsys.readouterr()
     before, other = ledger.read_bytes(), tmp_path / "other"

@@ -369,7 +369,7 @@ def loaded(*words: object) -> Any:
         pytest.skip("LeRobot is not installed: set LEROBOT_PYTHON")
     plain = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {"HF_HUB_OFFLINE": "1"}
     script = Path(__file__).with_name("lerobot_loads.py")
-    told = [python, script, *map(str, words)]
+    told = [python, str(script), *map(str, words)]
     ran = subprocess.run(told, capture_output=True, text=True, env=plain, check=False)
     if "depth_output_unit" in ran.stderr:
         pytest.skip("this LeRobot is older than 0.6 and has no native depth")

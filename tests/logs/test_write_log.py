@@ -78,8 +78,8 @@ def test_tractions_are_a_cloud_of_named_fields(made: tuple[Recording, Path], tmp
     recording, results = made
     t_z = np.arange(2 * 3 * 4, dtype=np.float32).reshape(2, 3, 4) / 100
     nothing = np.full_like(t_z, np.nan)
-    places = {"mm_per_px": [0.5, 0.5], "first_mm": [-0.75, -0.5]}
-    fields = {"t_x": nothing, "t_y": nothing, "t_z": t_z, "patch": (t_z > 0).astype(np.float32)}
+    places: dict[str, Any] = {"mm_per_px": [0.5, 0.5], "first_mm": [-0.75, -0.5]}
+    fields: dict[str, Any] = {"t_x": nothing, "t_y": nothing, "t_z": t_z, "patch": (t_z > 0).astype(np.float32)}
     np.savez(results / "tractions.npz", frame=np.array(["0000001.png", "0000003.png"]), **places, **fields)
     assert export_log(recording, tmp_path / name, force=results).tractions == 2
     clouds = [one for topic, _, one in by_rosbags(tmp_path / name) if topic == TRACTION_TOPIC]
