@@ -1,4 +1,4 @@
-"""Folders of results of `calibrate`, `diagnose`, `compare`, `steps` and `validate`, each written as a whole."""
+"""Folders of results of calibrations, analyses, passports and validations, each written as a whole."""
 
 from __future__ import annotations
 
@@ -19,24 +19,30 @@ from calibration.report.figures import (
     USUAL,
     FigureChoice,
     FigureFolder,
+    of_ageing,
     of_fit,
     of_history,
     of_presses,
     shown_presses,
 )
+from calibration.report.passport_report import passport_page
 from calibration.report.report import calibration_page, comparison_page
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, as_comparison
+from calibration.tasks.passport import Passport, check_sources, entry_of, passport_of, source_of, stored_entry
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
+from tactilevision.batch.tree import find_recordings
 from tactilevision.errors import InputError
+from tactilevision.files.ledger import folder_digest, read_ledger, write_ledger
 from tactilevision.files.opening import linked, real_path
 from tactilevision.files.writing import copy_own, plain_name, remove, staged, write_json, write_text
 from tactilevision.pipeline import (
     Calibrated,
     CertifiedRecording,
     Listener,
+    calibrate_each,
     certify_recordings,
     compare_recordings,
     diagnose_recording,
@@ -45,6 +51,7 @@ from tactilevision.pipeline import (
 from tactilevision.plots import style
 from tactilevision.plots.validation import Panel, Series, draw_validation
 from tactilevision.recording import layout
+from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
 
 CALIBRATION, HISTORY = "calibration.json", "history.json"
@@ -378,6 +385,51 @@ def _keep_calibration(out: Path, stage: Path) -> None:
 def _forget_found(folder: Path) -> None:
     """Remove the results kept of an analysis whose steps all stand, or that another one replaces."""
     remove(folder / FOUND)
+
+
+# Passports.
+
+
+def write_passport(
+    recordings: Sequence[Path],
+    out: Path,
+    *,
+    ledger: Path | None = None,
+    tolerance: float,
+    choice: FigureChoice = USUAL,
+    listener: Listener,
+) -> Passport:
+    """Write passport.html, passport.json and a figure of a sensor's gel; its entries are added to the `ledger`.
+
+    `recordings` are in order of time, or folders of them. Those that are in the ledger are not calibrated again.
+    `tolerance` is the relative error of E that is tolerated. Raises InputError as `check_sources` does, and for a
+    ledger that is damaged.
+    """
+    found_in = ([read_recording(path) for path in find_recordings(given)] for given in recordings)
+    opened = [one for group in found_in for one in sorted(group, key=lambda one: str(one.date or ""))]
+    sources = [source_of(one, folder_digest(one.path)) for one in opened]
+    stored = [] if ledger is None else read_ledger(ledger, sources[0].sensor)
+    known = [stored_entry(content, where=ledger) for content in stored]
+    have = {one.sha256 for one in known}
+    fresh = [k for k, one in enumerate(sources) if one.sha256 not in have]
+    check_sources(sources)
+    check_sources([*known, *(sources[k] for k in fresh)])
+    entries = list(known)
+    for place in fresh:
+        (done,) = calibrate_each([opened[place]], listener=listener)
+        certificate = done.certified.certificate
+        curves = certificate.curves if certificate else done.certified.measured.curves
+        radius_mm = next((one.own.radius_mm for one in entries if one.own is not None), None)
+        measured, told = done.certified.measured, (done.content, done.result)
+        entries.append(entry_of(sources[place], measured, *told, curves=curves, radius_mm=radius_mm))
+    found = passport_of(entries, tolerance=tolerance)
+    with staged(out) as stage:
+        figure = of_ageing(found, FigureFolder(stage, choice))
+        write_json(stage / "passport.json", found.as_json())
+        write_text(stage / "passport.html", passport_page(found, figure))
+        if ledger is not None:
+            write_ledger(ledger, [one.as_json() for one in entries])
+    return found
 
 
 # Validations by finite elements.

@@ -23,6 +23,7 @@ from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow
 from calibration.tasks.compare import rms_of_presses
+from calibration.tasks.passport import Passport
 from tactilevision.errors import RecordingError
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, diagnosis as draw, misfit, style
@@ -55,6 +56,7 @@ class FigureChoice:
         return self.presses == "all"
 
 
+STEPS = 40  # places along a fitted drift
 USUAL = FigureChoice()  # PNG, a few presses
 
 
@@ -158,6 +160,34 @@ def of_history(rows: Sequence[HistoryRow], folder: FigureFolder) -> None:
         names, [row.youngs_modulus for row in rows], moved=[row.moved for row in rows]
     )
     folder.keep(drawn, "history.png")
+
+
+def of_ageing(found: Passport, folder: FigureFolder) -> str:
+    """Draw the change of the stiffness and E over time; nothing where no recording has a stiffness."""
+    line, each = found.ageing.line, [(one, one.own) for one in found.entries if one.own is not None]
+    if not each:
+        return ""
+    entries, owns = zip(*each, strict=True)
+    days = np.array([(one.date - entries[0].date).days for one in entries], float)
+    log_c = np.log([own.value for own in owns])
+    std = np.array([own.std / own.value for own in owns])
+    drawn, begin = None, log_c[0]
+    if line is not None:
+        at = np.linspace(0, days[-1], STEPS)
+        weight = 1 / (std**2 + line.scatter**2)
+        begin = np.average(log_c - line.rate * days, weights=weight)
+        drawn = line.band(at)
+    words = "Above: the change of the stiffness c since the first recording, by its own noise alone. "
+    words += "Below: E with all of its uncertainty, most of which the recordings share."
+    figure = indentation.draw_ageing(
+        days,
+        np.expm1(log_c - begin),
+        std,
+        line=drawn,
+        modulus=[one.numbers["youngs_modulus_MPa"] for one in entries],
+        dates=(str(entries[0].date), str(entries[-1].date)),
+    )
+    return folder.keep(figure, "ageing.png", caption=words)
 
 
 # Figures of models against measurements, with captions that name their colours.

@@ -213,7 +213,7 @@ def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tu
     """Return one row for each recording, in order of date."""
     ordered = sorted(recordings, key=lambda m: str(m.recording.date or ""))
     results = [calibrate(m, law=law, test=False) for m in ordered]
-    own = [_own_stiffness(result.fitted, main_radius(results[0].fitted)) for result in results]
+    own = [own_stiffness(result.fitted, main_radius(results[0].fitted)) for result in results]
     tests = [_change(own[0], other) for other in own]
     adjusted = [1.0, *holm([p for _, _, p in tests[1:]])]
     return tuple(
@@ -241,9 +241,14 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(p) for p in adjusted]
 
 
-def _own_stiffness(fitted: Fit, radius_mm: float) -> tuple[Estimate, float]:
-    """Return c of this radius, else of the main one, with its noise alone: shared tolerances and nu as stated."""
+def own_stiffness(fitted: Fit, radius_mm: float | None) -> tuple[Estimate, float]:
+    """Return c, N/mm, of this radius, else of the main one, with its noise alone, and the degrees of freedom.
+
+    Tolerances that recordings share and nu are taken as stated. None, of bodies that are no punches: E, MPa.
+    """
     again = fit(fitted.model.without(HEIGHTS).without(DIMENSIONS), fitted.data, tolerances=False)
+    if radius_mm is None:
+        return again.estimate("youngs_modulus_MPa"), again.noise.dof
     known = radius_mm in again.data.presses.radius_mm
     return stiffness_of(again, radius_mm if known else main_radius(again)), again.noise.dof
 

@@ -30,6 +30,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
     },
     "Young's modulus and Poisson's ratio": {
         "calibrate": ("calibrate", "calibrate", "out", "Certify presses and fit E and nu of the gel."),
+        "passport": ("calibrate", "passport", "out", "Follow a gel over weeks, and say when to recalibrate."),
         "plan": ("calibrate", "plan", "", "Find the fewest presses that reach a goal."),
         "validate": ("simulate", "validate", "out", "Compare a calibration with finite elements."),
     },

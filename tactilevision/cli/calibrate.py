@@ -1,25 +1,28 @@
-"""Commands `calibrate` and `plan`: E and nu from presses, and presses for a goal."""
+"""Commands `calibrate`, `passport` and `plan`: E and nu from presses, over weeks, and presses for a goal."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from calibration.report.figures import FigureChoice
+from calibration.report.passport_report import passport_lines
 from calibration.report.report import summary
 from calibration.result.result import in_words
 from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, design_of, faces_of, plan as find_plan
 from tactilevision.batch.tree import find_recordings
 from tactilevision.cli import console
 from tactilevision.errors import InputError
+from tactilevision.files.runs import output_lock
 from tactilevision.pipeline import calibrate_each
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Pair
 from tactilevision.records.rig import Gel
-from tactilevision.result_folders import write_calibrations
+from tactilevision.result_folders import write_calibrations, write_passport
 
 
 def calibrate(
@@ -61,6 +64,41 @@ def calibrate(
     console.hand_over(latest.content, json)
     if latest.fault is not None:
         raise latest.fault
+
+
+def passport(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING...", help="Recordings of one sensor in order of time, or folders."),
+    ],
+    out: console.OutOption = Path("passport_out"),
+    ledger: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Keep entries of all sensors in this SQLite file, and go on from them."),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.1, max=100, help="Tolerate this error of E by ageing, percent.")
+    ] = 5.0,
+    form: console.FormatOption = "png",
+    json: console.JsonOption = None,
+) -> None:
+    """Follow a gel over weeks: E and nu with their dates, the change, and when to recalibrate.
+
+    Recordings that are in the ledger already are not calibrated again.
+    """
+    with output_lock(ledger, file=True) if ledger is not None else nullcontext():
+        found = write_passport(
+            recordings,
+            out,
+            ledger=ledger,
+            tolerance=tolerance / 100,
+            choice=FigureChoice(form),
+            listener=console,
+        )
+    console.say(f"{found.sensor}: {len(found.entries)} recordings", *passport_lines(found))
+    console.warn(found.warnings)
+    console.say(f"wrote {out / 'passport.html'} and passport.json" + (f"; {ledger}" if ledger is not None else ""))
+    console.hand_over(found.as_json(), json)
 
 
 # `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.

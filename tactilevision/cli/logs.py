@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -58,11 +58,14 @@ def export_log(
     frame_id: Annotated[str, typer.Option(help="Name the frame of reference of all messages.")] = "gel_pad",
     json: console.JsonOption = None,
 ) -> None:
-    """Write depth (Image, 32FC1, metres) and force (WrenchStamped) to a log. No ROS is needed."""
+    """Write depth (Image, 32FC1, metres), force (WrenchStamped) and tractions (PointCloud2, Pa) to a log.
+
+    No ROS is needed.
+    """
     found = log_export.export_log(
         source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id
     )
-    console.say(f"{found.depths} height maps and {found.wrenches} wrenches: {out}")
+    console.say(f"{found.depths} height maps, {found.wrenches} wrenches, {found.tractions} traction maps: {out}")
     if found.without:
         console.warn([f"{found.without} frames have no height map in {depth}"])
     console.hand_over(asdict(found), json)
@@ -74,12 +77,16 @@ def lerobot(
     sensor: Annotated[Path, typer.Option(help="Use this profile (.tvs) of the sensor.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Write the data set into this folder.")],
     shrink: Annotated[int, typer.Option(min=1, help="Average depth over so many pixels each way.")] = 4,
+    depth: Annotated[
+        Literal["table", "native"],
+        typer.Option(help="Store depth as a column in mm, or as LeRobot's own depth map (0.6 or newer) and mask."),
+    ] = "table",
     json: console.JsonOption = None,
 ) -> None:
     """Write a data set with depth, contact and force added; frames are unchanged."""
     source, reader = read_dataset(dataset, camera), load_sensor(sensor)
     with console.progress_bar("frames") as progress:
-        found = annotate(source, reader, out, shrink=shrink, progress=progress)
+        found = annotate(source, reader, out, shrink=shrink, native=depth == "native", progress=progress)
     console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")
     console.say("new features: " + ", ".join(found.features))
     unread = [f"{found.not_read} frames were not read: see their flags"] if found.not_read else []

@@ -155,6 +155,39 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
     return style.legend_below(figure, columns=2)
 
 
+@style.house_look
+def draw_ageing(
+    days: Floats,
+    change: Floats,
+    std: Floats,
+    *,
+    line: tuple[Floats, Floats, Floats] | None,
+    modulus: Sequence[Estimate],
+    dates: tuple[str, str],
+) -> Figure:
+    """Draw the relative change of the stiffness over days (n,) with its own std (n,), and Young's modulus.
+
+    `line` (3, k) is the fitted drift with its 95 % ends at even days; `dates` are those of the first and last day.
+    """
+    figure, (above, below) = style.new_figure(rows=2)
+    if line is not None:
+        at = np.linspace(days[0], days[-1], line[0].size)
+        above.plot(at, 100 * line[0], color=style.BLUE, label="fitted drift")
+        above.fill_between(at, 100 * line[1], 100 * line[2], color=style.SKY, alpha=0.3, label="its 95 % interval")
+    bars = Z95 * 100 * std
+    above.errorbar(days, 100 * change, yerr=bars, fmt="o", color="black", label="recordings, with their own noise")
+    above.axhline(0, color=style.GREY, linewidth=0.8)
+    above.set(ylabel="change of stiffness (%)", title=f"Ageing of the gel, {dates[0]} to {dates[1]}")
+    for day, one in zip(days, modulus, strict=True):
+        if one.interval95 is not None:
+            low, high = one.interval95
+            below.plot([day, day], [low, high], color=style.GREEN, lw=LOOK.line, label="E, its 95 % interval")
+        if one.value is not None:
+            below.plot([day], [one.value], "o", color=style.GREEN)
+    below.set(xlabel="days since the first recording", ylabel="E (MPa)", xlim=above.get_xlim())
+    return style.legend_below(figure, columns=2)
+
+
 # Young's modulus and Poisson's ratio together.
 
 WORDS = {

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
-from itertools import chain, islice
+from itertools import chain, islice, starmap
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ from tactilevision.files.opening import open_regular
 from tactilevision.files.writing import copy_file, replacing, staged, write_text
 from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import CalibratedSensor
+from tactilevision.records.constants import MILLI
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes, Floats
 from tactilevision.records.wrench import COMPONENTS, PATCH_COLUMNS, STDS
-from tactilevision.robots.lerobot_dataset import INFO, STATS, DataSet, episode_files, parts
+from tactilevision.robots.depth_video import DepthVideo, Put, depth_range_mm
+from tactilevision.robots.lerobot_dataset import INFO, STATS, VIDEO_PATH, DataSet, episode_files, parts
 from tactilevision.robots.logs import library
 
 # The new features: their schema for LeRobot, and their values for one frame.
@@ -38,13 +41,29 @@ def base_of(camera: str) -> str:
     return "observation." + name.replace("images", "tactile").replace("image", "tactile")
 
 
-def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dict[str, Any]]:
-    """Return the new features with their entries in info.json; a wrench only where E and nu are known."""
-    size = _size(sensor, shrink)
+def depth_key(camera: str) -> str:
+    """Return the key of the native depth: observation.images.left_depth for observation.images.left."""
+    return f"{camera}_depth"
+
+
+def schema(
+    camera: str, sensor: CalibratedSensor, *, shrink: int, video: DepthVideo | None
+) -> dict[str, dict[str, Any]]:
+    """Return the new features with their entries in info.json; a wrench only where E and nu are known.
+
+    `video`: how depth becomes a video with a mask; None: it becomes a column, in mm.
+    """
+    base, size = base_of(camera), _size(sensor, shrink)
     scale = [one * shrink for one in sensor.profile.sensor.mm_per_px]
     about = {"profile": sensor.profile.name, "mm_per_px": scale, "positive": "into the gel"}
-    found: dict[str, dict[str, Any]] = {
-        f"{base}.depth_mm": _feature("float32", list(size), ["height", "width"]) | {"info": about},
+    found: dict[str, dict[str, Any]] = {}
+    if video is not None:
+        shape = _feature("video", [*size, 1], ["height", "width", "channels"])
+        found[depth_key(camera)] = shape | {"info": about | video.info}
+        found[f"{base}.depth_valid"] = _feature("bool", list(size), ["height", "width"])
+    else:
+        found[f"{base}.depth_mm"] = _feature("float32", list(size), ["height", "width"]) | {"info": about}
+    found |= {
         f"{base}.contact": _feature("bool", [1], None),
         f"{base}.peak_mm": _feature("float32", [1], None),
         f"{base}.area_mm2": _feature("float32", [1], None),
@@ -62,8 +81,8 @@ def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dic
 def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str, Any]:
     """Return the features of a frame (H, W, 3) uint8; one that cannot be read is all NaN, with the reason as flag.
 
-    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm,
-    and its deviation; `could_hide_N`; `patches`, those of the greatest normal force, PATCH_COLUMNS each.
+    `depth_mm` (h, w), not rounded, NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N
+    and N mm, and its deviation; `could_hide_N`; `patches`, those of the greatest normal force, PATCH_COLUMNS each.
     """
     unknown: dict[str, Any] = dict.fromkeys(("peak_mm", "area_mm2", "could_hide_N"), np.nan)
     sizes = {"wrench": 6, "wrench_std": 6, "patches": MOST_PATCHES * len(PATCH_COLUMNS)}
@@ -71,14 +90,14 @@ def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str
     try:
         seen = sensor.read(rgb)
     except InputError as fault:
-        depth = np.full(_size(sensor, shrink), np.nan, np.float32)
-        return unknown | {"depth_mm": depth, "contact": False, "flags": f"not read: {fault.what}"}
+        nothing = np.full(_size(sensor, shrink), np.nan)
+        return unknown | {"depth_mm": nothing, "contact": False, "flags": f"not read: {fault.what}"}
     assert isinstance(seen, Seen)
     height, wrench = seen.height, seen.wrench
-    depth = np.where(height.valid, height.depth_mm, np.nan)
+    depth = np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
     pressed = seen.contact & height.valid
     found: dict[str, Any] = {
-        "depth_mm": shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink).astype(np.float32),
+        "depth_mm": shrunk(depth, shrink),
         "contact": bool(seen.contact.any()),
         "peak_mm": float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
         "area_mm2": float(seen.contact.sum() * np.prod(height.mm_per_px)),
@@ -103,7 +122,7 @@ def shrunk(depth_mm: Floats, factor: int) -> Floats:
     known = np.isfinite(blocks).sum(axis=(1, 3))
     total = np.where(np.isfinite(blocks), blocks, 0.0).sum(axis=(1, 3))
     means = np.where(2 * known > factor**2, total / np.maximum(known, 1), np.nan)
-    return np.asarray(np.round(means / STEP_MM) * STEP_MM)
+    return np.asarray(means)
 
 
 def _size(sensor: CalibratedSensor, shrink: int) -> tuple[int, int]:
@@ -123,7 +142,7 @@ Stats = dict[str, Floats]
 
 def sample_depth(depth_mm: Floats) -> Floats:
     """Return evenly spaced values (k,) of a map (H, W) in mm, its least and its greatest first."""
-    flat = depth_mm.ravel()
+    flat = np.asarray(depth_mm, float).ravel()
     known = flat[np.isfinite(flat)]
     extremes = (known.min(), known.max()) if known.size else (np.nan, np.nan)
     return np.array([*extremes, *flat[:: -(-flat.size // MAX_SAMPLED)]])
@@ -168,6 +187,7 @@ def statistics_as_json(stats: Mapping[str, Stats]) -> dict[str, Any]:
 
 LOOKED_AT = 5  # frames at the beginning by which the profile is checked
 Progress = Callable[[int, int], None]  # frames done, and of how many
+Reading = tuple[int, dict[str, Any]]  # number of the episode, and what one of its frames holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,21 +208,25 @@ def annotate(
     out: Path | str,
     *,
     shrink: int = 4,
+    native: bool = False,
     progress: Progress = lambda done, of: None,
 ) -> Annotated:
     """Write the data set `out`: all of `dataset`, and the readings of its camera's frames by `sensor`.
 
-    Maps are means of `shrink` x `shrink` pixels. The reference is the profile's. Raises InputError for frames of
-    another size, for features that exist, and as `pictures` does; OutputError where `out` has metadata already.
+    Maps are means of `shrink` x `shrink` pixels; `native`: a video of LeRobot's depth maps with a mask, not a
+    column. The reference is the profile's. Raises InputError for frames of another size, for features that exist,
+    for native depth without a stated gel, and as `pictures` does; OutputError where `out` has metadata already.
     """
-    base = base_of(dataset.camera)
-    added = schema(base, sensor, shrink=shrink)
+    video = None
+    if native:
+        video = DepthVideo(_size(sensor, shrink), dataset.rate_Hz, depth_range_mm(sensor.profile.sensor))
+    added = schema(dataset.camera, sensor, shrink=shrink, video=video)
     there = [key for key in added if key in dataset.features]
     if there:
         raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
     warnings = _look(dataset, sensor)
     readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in dataset.pictures())
-    work = _Work(dataset, base, added, readings, progress)
+    work = _Work(dataset, added, readings, progress, video)
     with staged(out, last="meta") as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
             work.write_table(dataset.data(place), folder)
@@ -217,10 +241,11 @@ class _Work:
     """Writer of the tables, which reads the frames on the way and gathers their statistics."""
 
     dataset: DataSet
-    base: str
     added: dict[str, Any]
-    readings: Iterator[tuple[int, dict[str, Any]]]
+    readings: Iterator[Reading]
     progress: Progress
+    video: DepthVideo | None = None
+    starts: dict[int, int] = field(default_factory=dict)  # of an episode within its table, and so its video
     done: int = 0
     in_contact: int = 0
     not_read: int = 0
@@ -232,29 +257,43 @@ class _Work:
         target = folder / source.relative_to(self.dataset.root)
         batches = parts(source)
         old = next(batches).schema
-        whole = arrow.schema([*old, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
-        packing = {f"{self.base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
+        types = {key: _type(one) for key, one in self.added.items() if one["dtype"] != "video"}
+        whole = arrow.schema([*old, *starmap(arrow.field, types.items())])
+        base, before = base_of(self.dataset.camera), self.done
+        packing = {f"{base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
         with (
             replacing(target) as temporary,
             parquet.ParquetWriter(
                 temporary, whole, compression="zstd", use_dictionary=False, column_encoding=packing
             ) as writer,
+            self._depth_writer(folder, source) as put,
         ):
             for batch in batches:
                 readings = list(islice(self.readings, batch.num_rows))
-                columns = self._taken(readings)
-                new = [
-                    arrow.array([_plain(v) for v in columns[key]], _type(self.added[key])) for key in self.added
-                ]
+                columns = self._taken(readings, put, before)
+                new = [arrow.array([_plain(v) for v in columns[key]], kind) for key, kind in types.items()]
                 writer.write_batch(arrow.RecordBatch.from_arrays([*batch.columns, *new], schema=whole))
 
-    def _taken(self, readings: list[tuple[int, dict[str, Any]]]) -> dict[str, list[Any]]:
-        """Return the columns of a part of a table, and gather their statistics."""
-        names = {key: key.removeprefix(f"{self.base}.") for key in self.added}
+    def _depth_writer(self, folder: Path, source: Path) -> AbstractContextManager[Put]:
+        """Return what stores a depth map in mm: in the video of this table, or rounded in the table itself."""
+        if self.video is None:
+            return nullcontext(lambda depth_mm: np.round(depth_mm / STEP_MM) * STEP_MM)
+        name = source.relative_to(self.dataset.root / "data").with_suffix(".mp4")
+        return self.video.writer(folder / "videos" / depth_key(self.dataset.camera) / name)
+
+    def _taken(self, readings: list[Reading], put: Put, before: int) -> dict[str, list[Any]]:
+        """Return columns of a part of a table that begins after `before` frames, and gather their statistics."""
+        camera = self.dataset.camera
+        names = {key: key.removeprefix(f"{base_of(camera)}.") for key in self.added}
+        for place, (number, one) in enumerate(readings, start=self.done - before):
+            self.starts.setdefault(number, place)
+            stored = put(one["depth_mm"])
+            one |= {"depth_mm": stored.astype(np.float32), "depth_valid": np.isfinite(stored)}
+            one[depth_key(camera)] = stored * MILLI
         columns = {key: [one[name] for _, one in readings] for key, name in names.items()}
         for key, column in columns.items():
             for (number, _), value in zip(readings, column, strict=True):
-                kept = sample_depth(value) if key.endswith(".depth_mm") else value
+                kept = sample_depth(value) if np.ndim(value) == 2 else value
                 self.gathered.setdefault(number, {}).setdefault(key, []).append(kept)
         self.done += len(readings)
         self.in_contact += sum(one["contact"] for _, one in readings)
@@ -277,16 +316,33 @@ class _Work:
                         writer.write_table(table)
 
     def _with_statistics(self, table: Any) -> Any:
-        """Return a part of a table of episodes with the statistics of the new features."""
-        each = [statistics_as_json(self._stats(number)) for number in table.column("episode_index").to_pylist()]
+        """Return a part of a table of episodes with statistics of the new features, and places in the video."""
+        numbers = table.column("episode_index").to_pylist()
+        if self.video is not None:
+            for what, column in self._places(numbers).items():
+                table = table.append_column(f"videos/{depth_key(self.dataset.camera)}/{what}", [column])
+        each = [statistics_as_json(self._stats(number)) for number in numbers]
         for key, stats in each[0].items():
             for what in stats:
                 table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
         return table
 
+    def _places(self, numbers: list[int]) -> dict[str, list[Any]]:
+        """Return where the depth of these episodes lies: file, first and last moment in s."""
+        episodes = [self.dataset.episodes[number] for number in numbers]
+        rate_Hz, first = self.dataset.rate_Hz, [self.starts[number] for number in numbers]
+        return {
+            "chunk_index": [one.data[0] for one in episodes],
+            "file_index": [one.data[1] for one in episodes],
+            "from_timestamp": [start / rate_Hz for start in first],
+            "to_timestamp": [(start + one.length) / rate_Hz for start, one in zip(first, episodes, strict=True)],
+        }
+
     def write_info(self, folder: Path) -> None:
         """Write info.json with the new features, and stats.json with their statistics."""
         info = dict(self.dataset.info) | {"features": dict(self.dataset.features) | self.added}
+        if self.video is not None:
+            info["video_path"] = info.get("video_path") or VIDEO_PATH
         stats = read_json(self.dataset.file(STATS)) if (self.dataset.root / STATS).exists() else {}
         episodes = [self._stats(number) for number in sorted(self.gathered)]
         stats |= statistics_as_json(
@@ -300,8 +356,11 @@ class _Work:
         for key, values in self.gathered[number].items():
             if self.added[key]["dtype"] == "string":
                 continue
-            if key.endswith(".depth_mm"):
-                found[key] = statistics_of_depth(values)
+            if len(shape := self.added[key]["shape"]) > 1:
+                each = statistics_of_depth(values)
+                found[key] = {
+                    name: one if name == "count" else one.reshape((1,) * len(shape)) for name, one in each.items()
+                }
             else:
                 found[key] = statistics_of_values(np.asarray(values, float).reshape(len(values), -1))
         return found

@@ -83,6 +83,7 @@ def _holds(kind: Any, wanted: str) -> bool:
 # Metadata: meta/info.json and meta/episodes.
 
 INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"  # LeRobot's own place
 VERSION = "v3."
 Place = tuple[int, int]  # numbers of chunk and file
 EPISODE_BYTES = 16  # of an episode's row at least; its statistics alone take some hundred
@@ -233,13 +234,19 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
         )
     if not isinstance(features, dict) or not isinstance(rate, int | float) or not rate > 0:
         raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
-    kinds = {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
+    kinds = {name: str(one.get("dtype")) for name, one in features.items() if _is_seen(one)}
     cameras = {name: kind for name, kind in kinds.items() if kind in ("video", "image")}
     if camera not in cameras:
         listed = ", ".join(f"{name} ({kind})" for name, kind in cameras.items()) or "none"
         raise InputError("the data set has no such camera", where=root, value=camera, remedy=f"It has: {listed}.")
     is_video = cameras[camera] == "video"
     return DataSet(root, info, camera, is_video, float(rate), _episodes(root, camera, is_video))
+
+
+def _is_seen(feature: Any) -> bool:
+    """Return whether a feature may be a camera's: not one that is a map of depth."""
+    about = feature.get("info") if isinstance(feature, dict) else None
+    return isinstance(feature, dict) and not (isinstance(about, dict) and about.get("is_depth_map"))
 
 
 def episode_files(root: Path) -> list[str]:

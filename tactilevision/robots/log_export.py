@@ -1,4 +1,4 @@
-"""Depth and force of a recording as ROS messages in MCAP, ROS 1 or ROS 2 logs."""
+"""Depth, force and tractions of a recording as ROS messages in MCAP, ROS 1 or ROS 2 logs."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from typing import Any
 import numpy as np
 
 from tactilevision.errors import InputError, OutputError
+from tactilevision.files.arrays import read_arrays
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
 from tactilevision.files.writing import check_replaceable, make_folder, output_errors, replacing, unfinished
+from tactilevision.force.frame import FIELDS, PATCH
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
-from tactilevision.records.constants import MILLI
+from tactilevision.records.constants import KILO, MILLI
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats
 from tactilevision.records.wrench import COMPONENTS
 from tactilevision.robots.logs import library
-from tactilevision.robots.messages import IMAGE, WRENCH, typestore
+from tactilevision.robots.messages import CLOUD, IMAGE, WRENCH, typestore
 
 Put = Callable[[str, Any, int], None]  # topic, message, time in ns
 
@@ -50,6 +52,38 @@ def wrench_message(force_N: Floats, moment_Nmm: Floats, *, time_ns: int, frame_i
     force, torque = vector(*map(float, force_N)), vector(*(float(one) * MILLI for one in moment_Nmm))
     both = _type("geometry_msgs/msg/Wrench", encoding)(force=force, torque=torque)
     return _type(WRENCH, encoding)(header=_header(time_ns, frame_id, encoding), wrench=both)
+
+
+POINT = ("x", "y", "z", "traction_x", "traction_y", "traction_z", "patch")  # fields of a node: m, Pa, a number
+FLOAT32 = 7  # its number in sensor_msgs/PointField
+
+
+def traction_message(tractions: Tractions, number: int, *, time_ns: int, frame_id: str, encoding: str) -> Any:
+    """Return sensor_msgs/PointCloud2 of POINT, float32, one for each node, in rows as the frame shows them.
+
+    Places in m lie on the untouched face, z = 0; tractions on the gel in Pa, NaN where not measured; `patch` is
+    the number of the node's contact patch, 0 outside.
+    """
+    rows, columns = tractions.fields[0].shape[1:]
+    x, y = (
+        first + step * np.arange(count)
+        for first, step, count in zip(tractions.first_mm, tractions.mm_per_px, (columns, rows), strict=True)
+    )
+    across, down = np.meshgrid(x * MILLI, y * MILLI)
+    forces = [one[number] * (KILO**2 if k < len(FIELDS) else 1.0) for k, one in enumerate(tractions.fields)]
+    points = np.stack([across, down, np.zeros_like(across), *forces], axis=-1).astype("<f4")
+    field, size = _type("sensor_msgs/msg/PointField", encoding), points.itemsize
+    return _type(CLOUD, encoding)(
+        header=_header(time_ns, frame_id, encoding),
+        height=rows,
+        width=columns,
+        fields=[field(name=name, offset=size * k, datatype=FLOAT32, count=1) for k, name in enumerate(POINT)],
+        is_bigendian=False,
+        point_step=size * len(POINT),
+        row_step=size * len(POINT) * columns,
+        data=np.frombuffer(points.tobytes(), np.uint8),
+        is_dense=bool(np.isfinite(points).all()),
+    )
 
 
 @contextmanager
@@ -104,7 +138,7 @@ def _header(time_ns: int, frame_id: str, encoding: str) -> Any:
     return _type("std_msgs/msg/Header", encoding)(stamp=stamp, frame_id=frame_id, **counted)
 
 
-DEPTH_TOPIC, WRENCH_TOPIC = "/tactile/depth", "/tactile/wrench"
+DEPTH_TOPIC, WRENCH_TOPIC, TRACTION_TOPIC = "/tactile/depth", "/tactile/wrench", "/tactile/tractions"
 PAD = "gel_pad"  # frame of reference: x right, y down, z into the gel, from the pad's centre
 _RESULTANTS = Columns(words=("frame",), maybe_numbers=COMPONENTS)
 
@@ -115,7 +149,21 @@ class Exported:
 
     depths: int
     wrenches: int
+    tractions: int
     without: int
+
+
+@dataclass(frozen=True, slots=True)
+class Tractions:
+    """What `force` wrote to tractions.npz: the frames' places in it, and `fields` (N, rows, columns) in MPa.
+
+    The last field is the number of each node's patch. `first_mm` (x, y) is the place of the top left node.
+    """
+
+    frames: Mapping[str, int]
+    fields: tuple[Floats, ...]
+    mm_per_px: Floats
+    first_mm: Floats
 
 
 def export_log(
@@ -133,7 +181,8 @@ def export_log(
         )
     wrenches = {} if force is None else _wrenches(force / "resultants.csv")
     origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
-    counts = {"depth": 0, "wrench": 0}
+    tractions = None if force is None else _tractions(force / "tractions.npz")
+    counts = {"depth": 0, "wrench": 0, "traction": 0}
     with open_writer(out) as (put, encoding):
         for name, time_s in zip(recording.frame_names, times.tolist(), strict=True):
             time_ns = origin_ns + round(time_s * 10**9)
@@ -146,6 +195,9 @@ def export_log(
                 force_N, moment_Nmm = np.split(wrenches[name], 2)
                 put(WRENCH_TOPIC, wrench_message(force_N, moment_Nmm, **about), time_ns)
                 counts["wrench"] += 1
+            if tractions is not None and name in tractions.frames:
+                put(TRACTION_TOPIC, traction_message(tractions, tractions.frames[name], **about), time_ns)
+                counts["traction"] += 1
         if not any(counts.values()):
             raise InputError(
                 "there is neither depth nor force of the recording's frames",
@@ -153,7 +205,7 @@ def export_log(
                 remedy="Give --depth the folder that `tactilevision depth` wrote (TIFF), --force that of `force`.",
             )
     without = 0 if depth is None else len(times) - counts["depth"]
-    return Exported(counts["depth"], counts["wrench"], without)
+    return Exported(counts["depth"], counts["wrench"], counts["traction"], without)
 
 
 def _map(folder: Path, name: str) -> Path | None:
@@ -174,3 +226,18 @@ def _wrenches(path: Path) -> Mapping[str, Floats]:
     numbers = np.column_stack([table.numbers[name] for name in COMPONENTS])
     pairs = zip(table.words["frame"], numbers, strict=True)
     return {name: row for name, row in pairs if np.isfinite(row[2])}
+
+
+def _tractions(path: Path) -> Tractions | None:
+    """Return the tractions that `force` wrote; None where it wrote none. Raises InputError for another content."""
+    if not path.is_file():
+        return None
+    arrays = read_arrays(path)
+    fields = [arrays[name] for name in (*FIELDS, PATCH) if name in arrays]
+    shapes = {one.shape for one in fields} if len(fields) == len(POINT[3:]) else set()
+    places = [arrays.get(name, np.zeros(0)).shape == (2,) for name in ("mm_per_px", "first_mm")]
+    names = arrays.get("frame", np.zeros(0))
+    if len(shapes) != 1 or not all(places) or names.dtype.kind != "U" or names.shape != fields[0].shape[:1]:
+        raise InputError("holds no tractions as `tactilevision force` writes them", where=path)
+    frames = {str(name): number for number, name in enumerate(names)}
+    return Tractions(frames, tuple(fields), arrays["mm_per_px"], arrays["first_mm"])

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
+CLOUD = "sensor_msgs/msg/PointCloud2"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _COLOURS = {  # bytes of a pixel, and how OpenCV makes blue, green and red of it
     "rgb8": (3, cv2.COLOR_RGB2BGR),

@@ -206,10 +206,12 @@ def test_circles_of_links_are_resolved_without_an_error() -> None:
 
 KINDS = ("loop", "pipe", "loop/x", "n" * 300)
 INTO = [["calibrate", str(PAPER), "--out"], ["diagnose", str(PAPER), "--out"], ["compare", str(PAPER), "--out"],
-        ["simulate"], ["tabulate"], ["validate", str(PAPER), "--out"], ["view", str(PAPER), "--out"],
+        ["simulate"], ["tabulate"], ["validate", str(PAPER), "--out"],
+        ["passport", str(PAPER), "--out"], ["view", str(PAPER), "--out"],
         ["depth", str(PAPER), "--out"], ["force", str(PAPER), "--out"], ["steps"],
         ["import", "x.mcap", "--frames", "/a", "--out"]]  # fmt: skip
-FROM = [["calibrate"], ["depth"], ["view"], ["diagnose"], ["compare"], ["live", "--camera"], ["force"],
+FROM = [["calibrate"], ["passport"], ["depth"], ["view"], ["diagnose"], ["compare"], ["live", "--camera"],
+        ["force"],
         ["import", "--out", "o"], ["export", "--out", "x.mcap"], ["plan"],
         ["train", "--method", "polynomial", "--out", "o"], ["calibrate-sensor", "--out", "o.tvs"], ["validate"],
         ["lerobot", "--camera", "c", "--sensor", "s.tvs", "--out", "o"],

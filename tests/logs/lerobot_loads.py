@@ -1,4 +1,7 @@
-"""Opens a data set with LeRobot's own loader and prints what it finds: python lerobot_loads.py ROOT."""
+"""Opens a data set with LeRobot's own loader and prints what it finds: python lerobot_loads.py ROOT.
+
+With a second argument, CAMERA, native depth is read instead, in metres, which takes LeRobot 0.6 or newer.
+"""
 
 from __future__ import annotations
 
@@ -35,5 +38,17 @@ def main(root: str) -> None:
     )
 
 
+def read_native(root: str, camera: str) -> None:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    found, key = LeRobotDataset("drawn/tactile", root=root, video_backend="pyav", depth_output_unit="m"), camera
+    assert found.meta.depth_keys == [key], found.meta.depth_keys
+    frames = [found[number] for number in range(len(found))]
+    masks = [np.asarray(one["observation.tactile.depth_valid"]).astype(int) for one in frames]
+    stats = {name: np.asarray(value).tolist() for name, value in found.meta.stats[key].items()}
+    depth_m = [np.asarray(one[key], float).tolist() for one in frames]
+    print(json.dumps({"depth_m": depth_m, "valid": [one.tolist() for one in masks], "stats": stats}))
+
+
 if __name__ == "__main__":
-    main(sys.argv[1])
+    read_native(*sys.argv[1:]) if len(sys.argv) > 2 else main(sys.argv[1])

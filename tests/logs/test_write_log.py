@@ -19,7 +19,7 @@ from tactilevision.files.tiff import write_tiff
 from tactilevision.recording.model import Recording
 from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import HeightMap
-from tactilevision.robots.log_export import DEPTH_TOPIC, WRENCH_TOPIC, export_log
+from tactilevision.robots.log_export import DEPTH_TOPIC, TRACTION_TOPIC, WRENCH_TOPIC, export_log
 from tactilevision.robots.log_import import ImportSettings, import_log
 
 
@@ -71,6 +71,33 @@ def test_depth_and_force_are_opened_by_rosbags(made: tuple[Recording, Path], tmp
     assert normal.force.z == 6.0
     assert (wrench.force.x, wrench.force.y, wrench.force.z) == (1.0, 2.0, 3.0)
     assert (wrench.torque.x, wrench.torque.z) == (1.0, -0.5)
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out.bag"])
+def test_tractions_are_a_cloud_of_named_fields(made: tuple[Recording, Path], tmp_path: Path, name: str) -> None:
+    recording, results = made
+    t_z = np.arange(2 * 3 * 4, dtype=np.float32).reshape(2, 3, 4) / 100
+    nothing = np.full_like(t_z, np.nan)
+    places: dict[str, Any] = {"mm_per_px": [0.5, 0.5], "first_mm": [-0.75, -0.5]}
+    fields: dict[str, Any] = {"t_x": nothing, "t_y": nothing, "t_z": t_z, "patch": (t_z > 0).astype(np.float32)}
+    np.savez(results / "tractions.npz", frame=np.array(["0000001.png", "0000003.png"]), **places, **fields)
+    assert export_log(recording, tmp_path / name, force=results).tractions == 2
+    clouds = [one for topic, _, one in by_rosbags(tmp_path / name) if topic == TRACTION_TOPIC]
+    cloud = clouds[1]
+    assert [(one.name, one.offset, one.datatype) for one in cloud.fields] == [
+        (name, 4 * k, 7)
+        for k, name in enumerate(("x", "y", "z", "traction_x", "traction_y", "traction_z", "patch"))
+    ]
+    assert (cloud.height, cloud.width, cloud.point_step, cloud.row_step, cloud.is_dense) == (3, 4, 28, 112, False)
+    kind = np.dtype({"names": [one.name for one in cloud.fields], "formats": ["<f4"] * 7})
+    points = np.frombuffer(cloud.data.tobytes(), kind).reshape(3, 4)
+    np.testing.assert_allclose(points["traction_z"], 1e6 * t_z[1], rtol=1e-6)
+    np.testing.assert_allclose(points["x"][2], [-0.75e-3, -0.25e-3, 0.25e-3, 0.75e-3], rtol=1e-6)
+    np.testing.assert_allclose(points["y"][:, 1], [-0.5e-3, 0, 0.5e-3], atol=1e-9)
+    assert np.isnan(points["traction_x"]).all()
+    np.savez(results / "tractions.npz", frame=np.array(["0000001.png"]), **places, **fields)
+    with pytest.raises(InputError, match="holds no tractions"):
+        export_log(recording, tmp_path / "again.mcap", force=results)
 
 
 def test_mcap_reads_what_was_written_and_knows_the_schema(made: tuple[Recording, Path], tmp_path: Path) -> None:

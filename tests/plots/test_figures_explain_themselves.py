@@ -96,6 +96,12 @@ def history() -> Figure:
     return indentation.draw_history(["a", "b"], [estimate(0.2), estimate(0.3)], moved=[False, True])
 
 
+def ageing() -> Figure:
+    moduli = [estimate(0.2), Estimate(None, None, (0.1, 0.3), "MPa", "open")] * 6
+    ends = ("2026-01-05", "2026-03-23")
+    return indentation.draw_ageing(X, -X, 0.1 * ONES, line=(-X, -X - 0.1, 0.1 - X), modulus=moduli, dates=ends)
+
+
 def joint_region() -> Figure:
     curve = np.column_stack([np.linspace(0.43, 0.4999, 20), np.linspace(0.23, 0.18, 20)])
     region = np.array([[0.465, 0.21], [0.485, 0.2], [0.485, 0.19]])
@@ -191,6 +197,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "fit": fit,
     "material": material,
     "history": history,
+    "ageing": ageing,
     "joint": joint_region,
     "presses": press_rows,
     "overview": lambda: misfit.draw_overview(curves(), 3.0),
