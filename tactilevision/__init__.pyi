@@ -8,6 +8,12 @@ from .errors import (
     RecordingError as RecordingError,
     TactilevisionError as TactilevisionError,
 )
+from .export.material import (
+    Contact as Contact,
+    ExportedMaterial as ExportedMaterial,
+    export_material as export_material,
+)
+from .export.shapes import Shape as Shape
 from .files.tiff import read_tiff as read_tiff, write_tiff as write_tiff
 from .force.calibrated import read_material as read_material
 from .force.field import ForceField as ForceField

@@ -31,6 +31,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
     "Young's modulus and Poisson's ratio": {
         "calibrate": ("calibrate", "calibrate", "out", "Certify presses and fit E and nu of the gel."),
         "plan": ("calibrate", "plan", "", "Find the fewest presses that reach a goal."),
+        "export-material": ("material", "export_material", "out", "Write the gel for simulators and FE programs."),
         "validate": ("simulate", "validate", "out", "Compare a calibration with finite elements."),
     },
     "What a model lacks": {
