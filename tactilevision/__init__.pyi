@@ -9,8 +9,8 @@ from .errors import (
     TactilevisionError as TactilevisionError,
 )
 from .export.material import (
-    Contact as Contact,
     ExportedMaterial as ExportedMaterial,
+    ExportSettings as ExportSettings,
     export_material as export_material,
 )
 from .export.shapes import Shape as Shape
@@ -54,6 +54,7 @@ from .records.measured import (
     Material as Material,
 )
 from .records.rig import Gel as Gel, Indenter as Indenter, Press as Press, Sensor as Sensor
+from .records.taxels import TaxelGrid as TaxelGrid, Taxels as Taxels
 from .records.wrench import Patch as Patch, Wrench as Wrench
 from .robots.live import Stream as Stream
 from .sensors import get_sensor as get_sensor

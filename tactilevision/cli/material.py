@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.export.material import Contact, ExportedMaterial, export_material as exported_material
+from tactilevision.export.material import ExportedMaterial, ExportSettings, export_material as exported_material
 from tactilevision.export.programs import PROGRAMS
 from tactilevision.export.shapes import Shape, ShapeName
 from tactilevision.files.writing import staged
@@ -37,14 +37,14 @@ def export_material(
     friction: Annotated[float | None, typer.Option(help="State the coefficient of friction.")] = None,
     density: Annotated[float | None, typer.Option(help="State the gel's density in kg/m³.")] = None,
     mass: Annotated[float, typer.Option(help="Mass of the pressing body in kg, for MuJoCo.")] = 0.1,
-    taxel_mm: Annotated[float, typer.Option(help="Distance of taxels in mm, for Genesis and Isaac.")] = 0.5,
+    taxel_mm: Annotated[float, typer.Option(help="Distance of taxels in mm, for Genesis and Isaac.")] = 0.25,
     largest_nu: Annotated[
         float | None, typer.Option(help="Bound Poisson's ratio of the solid; E is then that of this ratio.")
     ] = None,
     json: console.JsonOption = None,
 ) -> None:
     """Write a calibrated gel's parameters for a simulator or finite-element program, with their errors."""
-    contact = Contact(
+    contact = ExportSettings(
         Shape(shape, radius_mm, length_mm), depths_mm, friction, density, mass, taxel_mm, largest_nu
     )
     found = exported_material(calibration, to, contact)

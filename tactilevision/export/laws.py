@@ -44,7 +44,7 @@ class Fitted:
 
     def force_N(self, shape: Shape, depth_mm: Floats) -> Floats:
         """Return the program's force (N) on a shape at depths (n,) in mm."""
-        return FORCE[self.law](shape, depth_mm / KILO, self.values)
+        return np.asarray(FORCE[self.law](shape, depth_mm / KILO, self.values))
 
 
 def pressure_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -> Floats:
@@ -57,7 +57,7 @@ def pressure_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -
     else:
         half = np.sqrt(w * (2 * r - w))
         volume = shape.length_mm / KILO * (r**2 * np.arccos(1 - w / r) - (r - w) * half)
-    return values["per_depth"] * volume
+    return np.asarray(values["per_depth"] * volume)
 
 
 def taxel_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -> Floats:
@@ -70,7 +70,7 @@ def taxel_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -> F
     else:
         below = r - w
         volume = 2 * shape.length_mm / KILO * below * (r * np.arccosh(r / below) - np.sqrt(w * (2 * r - w)))
-    return values["per_depth"] * volume
+    return np.asarray(values["per_depth"] * volume)
 
 
 def point_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -> Floats:
@@ -82,7 +82,7 @@ def point_force(shape: Shape, depth_m: Floats, values: Mapping[str, float]) -> F
     share = np.where(x <= middle, rising, falling)
     g = values["dmin"] + share * (values["dmax"] - values["dmin"])
     spring = values["mass"] * values["stiffness"] * depth_m * g**2 / (values["dmax"] ** 2 * (1 - g))
-    return POINTS[shape.name] * spring
+    return np.asarray(POINTS[shape.name] * spring)
 
 
 FORCE = {"pressure": pressure_force, "taxels": taxel_force, "point": point_force}
@@ -103,7 +103,7 @@ def fit(law: LawName, shape: Shape, depth_mm: Floats, force_N: Floats, *, mass_k
 
     def error(free: Floats) -> Floats:
         ratio = FORCE[law](shape, depth_m, form.values(1.0, free)) / force_N
-        return ratio * (ratio.sum() / (ratio @ ratio)) - 1
+        return np.asarray(ratio * (ratio.sum() / (ratio @ ratio)) - 1)
 
     low, start, high = np.array(list(form.free.values())).T
     free = least_squares(error, start, bounds=(low, high), x_scale=high - low, xtol=1e-12, ftol=1e-12).x

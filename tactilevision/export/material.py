@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +25,19 @@ GOAL = 0.05  # largest relative error of a law at the fitted shape, beyond which
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ExportSettings:
     """What presses, and what nobody calibrated: shape, depths in mm, friction, density, mass, pitch of taxels.
 
     `depths_mm` None: .05 to .2 thicknesses. `friction` and `density_kg_m3` None: not known. `mass_kg`, of the
     pressing body, is for MuJoCo alone. `largest_nu` None: the program's own.
     """
 
-    shape: Shape = Shape()
+    shape: Shape = field(default_factory=Shape)
     depths_mm: Pair | None = None
     friction: float | None = None
     density_kg_m3: float | None = None
     mass_kg: float = 0.1
-    taxel_mm: float = 0.5
+    taxel_mm: float = 0.25
     largest_nu: float | None = None
 
     def __post_init__(self) -> None:
@@ -53,7 +53,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A shape's forces (n,) in N at depths (n,) in mm by the layer and by the law; `why` says why there are none."""
+    """A shape's forces (n,) in N at depths (n,) in mm by layer and law; `why` states why there are none."""
 
     shape: Shape
     depth_mm: Floats
@@ -81,7 +81,7 @@ class ExportedMaterial:
     material: Material
     solid: Material
     thickness_mm: float
-    contact: Contact
+    settings: ExportSettings
     parameters: Mapping[str, Estimate]
     fitted: Fitted | None
     compared: tuple[Compared, ...]
@@ -91,7 +91,7 @@ class ExportedMaterial:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of material.json."""
-        contact = self.contact
+        settings = self.settings
         rows = [
             {
                 "shape": one.shape.name,
@@ -112,10 +112,13 @@ class ExportedMaterial:
             "fitted": rows[0] if rows else None,
             "other_shapes": rows[1:],
             "material": self.material.as_json(),
-            "solid": {"youngs_modulus_MPa": self.solid.youngs_modulus_MPa, "poisson_ratio": self.solid.poisson_ratio},
+            "solid": {
+                "youngs_modulus_MPa": self.solid.youngs_modulus_MPa,
+                "poisson_ratio": self.solid.poisson_ratio,
+            },
             "thickness_mm": self.thickness_mm,
-            "friction": contact.friction,
-            "density_kg_m3": contact.density_kg_m3,
+            "friction": settings.friction,
+            "density_kg_m3": settings.density_kg_m3,
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
         }
@@ -127,15 +130,16 @@ class ExportedMaterial:
 
 
 def export_material(
-    calibration: Path | str | Mapping[str, Any], to: str, contact: Contact | None = None
+    calibration: Path | str | Mapping[str, Any], to: str, settings: ExportSettings | None = None
 ) -> ExportedMaterial:
     """Return the parameters with which a program reproduces the calibrated gel.
 
     `calibration` is calibration.json or its content; `to` a program, "drake", or one with its version,
-    "drake==1.51". The contact law is fitted to the layer's force at E and nu on the shape and depths of `contact`,
-    by least squares of the relative error. Parameters that are proportional to E have E's relative interval, which
-    is wide rather than narrow: at a punch's stiffness, E falls where nu rises. The solid has the largest nu that
-    the program stands, with E at that nu from `youngs_modulus_of_nu`.
+    "drake==1.51". The contact law is fitted to the layer's force at E and nu on the shape and depths of
+    `settings`, by least squares of the relative error. Parameters that are proportional to a power of E have E's
+    relative interval to this power, which is wide rather than narrow: at a punch's stiffness, E falls where nu
+    rises. The solid's nu is at most the largest that the program takes, with E at that nu from
+    `youngs_modulus_of_nu`.
 
     Raises InputError for an unknown program or version, a calibration without E, nu or the gel's thickness, and
     depths or shapes outside the range of the layer's response.
@@ -144,32 +148,33 @@ def export_material(
     where = "calibration" if isinstance(calibration, Mapping) else calibration
     content = calibration if isinstance(calibration, Mapping) else read_calibration(calibration)
     material, interval, thickness = _read(content, where)
-    contact = contact or Contact()
-    if contact.depths_mm is None:
+    settings = settings or ExportSettings()
+    if settings.depths_mm is None:
         low, high = (share * thickness for share in USUAL_DEPTHS)
-        contact = replace(contact, depths_mm=(low, high))
-    solid = capped(material, content, min(contact.largest_nu or program.largest_nu, program.largest_nu), where)
-    fitted, compared = None, ()
+        settings = replace(settings, depths_mm=(low, high))
+    solid = capped(material, content, min(settings.largest_nu or program.largest_nu, program.largest_nu), where)
+    fitted: Fitted | None = None
+    compared: tuple[Compared, ...] = ()
     if program.law is not None:
-        fitted, compared = _fit(program, material, thickness, contact)
+        fitted, compared = _fit(program, material, thickness, settings)
     values = Values(
         solid,
         fitted.values if fitted else {},
         thickness / KILO,
-        contact.shape.radius_mm / KILO,
-        contact.taxel_mm / KILO,
-        contact.friction,
-        contact.density_kg_m3,
+        settings.shape.radius_mm / KILO,
+        settings.taxel_mm / KILO,
+        settings.friction,
+        settings.density_kg_m3,
     )
     ends = (interval[0] / material.youngs_modulus_MPa, interval[1] / material.youngs_modulus_MPa)
     parameters = {
-        name: Estimate(value, None, (value * ends[0], value * ends[1]) if by_modulus else None, unit)
-        for name, value, unit, by_modulus in program.rows(values)
+        name: Estimate(value, None, _interval(value, ends, power), unit)
+        for name, value, unit, power in program.rows(values)
     }
     warnings = _warnings(program, material, solid, compared)
     return ExportedMaterial(
-        program, version, material, solid, thickness, contact, parameters, fitted, compared,
-        program.text(values), _assumptions(program, contact), warnings,
+        program, version, material, solid, thickness, settings, parameters, fitted, compared,
+        program.text(values), _assumptions(program, settings), warnings,
     )  # fmt: skip
 
 
@@ -197,6 +202,12 @@ def capped(material: Material, content: Mapping[str, Any], largest_nu: float, wh
     return Material(float(material.youngs_modulus_MPa * there / here), largest_nu)
 
 
+def _interval(value: float, ends: Pair, power: float) -> Pair | None:
+    """Return the interval of a value proportional to a power of E, whose relative interval is `ends`."""
+    low, high = sorted(value * end**power for end in ends)
+    return (low, high) if power else None
+
+
 def _read(content: Mapping[str, Any], where: object) -> tuple[Material, Pair, float]:
     """Return the material, E's interval in MPa and the thickness in mm."""
     entry = content.get("youngs_modulus_MPa")
@@ -219,17 +230,17 @@ def _read(content: Mapping[str, Any], where: object) -> tuple[Material, Pair, fl
 
 
 def _fit(
-    program: Program, material: Material, thickness_mm: float, contact: Contact
+    program: Program, material: Material, thickness_mm: float, settings: ExportSettings
 ) -> tuple[Fitted, tuple[Compared, ...]]:
     assert program.law is not None
-    assert contact.depths_mm is not None
-    check_depths(contact.depths_mm, thickness_mm)
-    depth = np.geomspace(*contact.depths_mm, DEPTHS)
-    gel: Any = {"material": material, "thickness_mm": thickness_mm, "friction": contact.friction or 0.0}
-    force = layer_force(contact.shape, depth, **gel)
-    fitted = fit(program.law, contact.shape, depth, force, mass_kg=contact.mass_kg)
-    compared = [Compared(contact.shape, depth, force, fitted.force_N(contact.shape, depth))]
-    for shape in other_shapes(contact.shape):
+    assert settings.depths_mm is not None
+    check_depths(settings.depths_mm, thickness_mm)
+    depth = np.geomspace(*settings.depths_mm, DEPTHS)
+    gel: Any = {"material": material, "thickness_mm": thickness_mm, "friction": settings.friction or 0.0}
+    force = layer_force(settings.shape, depth, **gel)
+    fitted = fit(program.law, settings.shape, depth, force, mass_kg=settings.mass_kg)
+    compared = [Compared(settings.shape, depth, force, fitted.force_N(settings.shape, depth))]
+    for shape in other_shapes(settings.shape):
         try:
             force = layer_force(shape, depth, **gel)
             compared.append(Compared(shape, depth, force, fitted.force_N(shape, depth)))
@@ -239,8 +250,12 @@ def _fit(
     return fitted, tuple(compared)
 
 
-def _assumptions(program: Program, contact: Contact) -> tuple[str, ...]:
-    unknown = [name for name, value in (("friction", contact.friction), ("density", contact.density_kg_m3)) if value is None]
+def _assumptions(program: Program, settings: ExportSettings) -> tuple[str, ...]:
+    unknown = [
+        name
+        for name, value in (("friction", settings.friction), ("density", settings.density_kg_m3))
+        if value is None
+    ]
     return (
         f"{program.title}: {program.checked}",
         *([f"{' and '.join(unknown)} not stated: the program's own are used"] if unknown else []),
@@ -265,7 +280,7 @@ def _warnings(
         )
     if solid.poisson_ratio < material.poisson_ratio:
         found.append(
-            f"the solid has nu {solid.poisson_ratio:g} with E {solid.youngs_modulus_MPa:.4g} MPa, as stiff under the "
-            f"calibrated punch as nu {material.poisson_ratio:.4g} with E {material.youngs_modulus_MPa:.4g} MPa"
+            f"the solid has nu {solid.poisson_ratio:g} with E {solid.youngs_modulus_MPa:.4g} MPa, as stiff under "
+            f"the calibrated punch as nu {material.poisson_ratio:.4g} with E {material.youngs_modulus_MPa:.4g} MPa"
         )
     return tuple(found)

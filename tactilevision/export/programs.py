@@ -50,7 +50,7 @@ class Values:
         return line.format(f"{value:.6g}") if value is not None else "# not stated: " + line.format("...")
 
 
-Row = tuple[str, float, str, bool]  # name, value, unit, whether it is proportional to E
+Row = tuple[str, float, str, float]  # name, value, unit, power of E to which it is proportional
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +68,14 @@ class Program:
 
 
 def _offset(v: Values) -> Row:
-    return "surface_offset", v.law["offset"], "m", False
+    return "surface_offset", v.law["offset"], "m", 0
 
 
 def _soft(v: Values) -> tuple[Row, ...]:
     """Return the rows of a solid in Pa."""
     return (
-        ("solid.youngs_modulus", v.solid.youngs_modulus_MPa * MEGA, "Pa", True),
-        ("solid.poisson_ratio", v.solid.poisson_ratio, "1", False),
+        ("solid.youngs_modulus", v.solid.youngs_modulus_MPa * MEGA, "Pa", 1),
+        ("solid.poisson_ratio", v.solid.poisson_ratio, "1", 0),
     )
 
 
@@ -83,10 +83,10 @@ def _mujoco_rows(v: Values) -> tuple[Row, ...]:
     s = v.law["stiffness"]
     shape = (("dmin", "1"), ("dmax", "1"), ("width", "m"), ("midpoint", "1"), ("power", "1"))
     return (
-        ("solref.stiffness", s, "1/s^2", True),
-        ("solref.damping", 2 * np.sqrt(s), "1/s", False),
-        *((f"solimp.{name}", v.law[name], unit, False) for name, unit in shape),
-        ("mass", v.law["mass"], "kg", False),
+        ("solref.stiffness", s, "1/s^2", 1),
+        ("solref.damping", 2 * np.sqrt(s), "1/s", 0.5),
+        *((f"solimp.{name}", v.law[name], unit, 0) for name, unit in shape),
+        ("mass", v.law["mass"], "kg", 0),
         *_soft(v),
     )
 
@@ -97,8 +97,9 @@ def _mujoco(v: Values) -> str:
     friction = "" if v.friction is None else f' friction="{v.friction:g} 0.005 0.0001"'
     density = "not stated" if v.density_kg_m3 is None else f"{v.density_kg_m3:g} kg/m^3"
     return f"""<mujoco>
-  <!-- Give the pad's geom class="gel". solref is for a body of {law["mass"]:g} kg, 1/body_invweight0[0], that presses
-       on a fixed pad: scale its first number by the inverse, its second by the root of the inverse of the mass.
+  <!-- Give the pad's geom class="gel". solref is for a body of {law["mass"]:g} kg that presses on a fixed pad: its
+       mass to the contact is 1/body_invweight0[0]. For n times the mass divide the first number by n, the second
+       by the root of n.
        Damping is critical: a choice, not the gel's. Density: {density}. -->
   <default>
     <default class="gel">
@@ -115,9 +116,9 @@ def _mujoco(v: Values) -> str:
 def _drake_rows(v: Values) -> tuple[Row, ...]:
     modulus = v.law["per_depth"] * v.thickness_m
     return (
-        ("hydroelastic_modulus", modulus, "Pa", True),
-        ("slab_thickness", v.thickness_m, "m", False),
-        ("resolution_hint", v.radius_m / FACETS, "m", False),
+        ("hydroelastic_modulus", modulus, "Pa", 1),
+        ("slab_thickness", v.thickness_m, "m", 0),
+        ("resolution_hint", v.radius_m / FACETS, "m", 0),
         _offset(v),
         *_soft(v),
     )
@@ -126,6 +127,7 @@ def _drake_rows(v: Values) -> tuple[Row, ...]:
 def _drake(v: Values) -> str:
     modulus = v.law["per_depth"] * v.thickness_m
     friction = v.known("friction = CoulombFriction({0}, {0})", v.friction)
+    density = "not stated" if v.density_kg_m3 is None else f"{v.density_kg_m3:g} kg/m^3"
     name = "friction" if v.friction is not None else "CoulombFriction(0.0, 0.0)"
     return f"""# Raise the pad's surface by {v.law["offset"]:.6g} m. Dissipation was not measured.
 from pydrake.geometry import (
@@ -143,15 +145,15 @@ AddRigidHydroelasticProperties({v.radius_m / FACETS:.6g}, indenter)  # metres: f
 AddContactMaterial(0.0, None, {name}, indenter)
 # The solid, for DeformableBodyConfig (checked as text):
 # youngs_modulus {v.solid.youngs_modulus_MPa * MEGA:.6g} Pa, poissons_ratio {v.solid.poisson_ratio:.6g}
-{v.known("# mass_density {} kg/m^3", v.density_kg_m3)}
+# mass_density {density}
 """
 
 
 def _genesis_rows(v: Values) -> tuple[Row, ...]:
     return (
-        ("normal_stiffness", v.per_taxel, "N/m", True),
-        ("normal_exponent", 1.0, "1", False),
-        ("taxel_pitch", v.taxel_m, "m", False),
+        ("normal_stiffness", v.per_taxel, "N/m", 1),
+        ("normal_exponent", 1.0, "1", 0),
+        ("taxel_pitch", v.taxel_m, "m", 0),
         _offset(v),
         *_soft(v),
     )
@@ -175,10 +177,10 @@ FEM = dict(
 def _newton_rows(v: Values) -> tuple[Row, ...]:
     lame = v.solid.bulk_modulus_MPa - 2 * v.solid.shear_modulus_MPa / 3
     return (
-        ("kh", v.law["per_depth"], "N/m^3", True),
+        ("kh", v.law["per_depth"], "N/m^3", 1),
         _offset(v),
-        ("solid.k_mu", v.solid.shear_modulus_MPa * MEGA, "Pa", True),
-        ("solid.k_lambda", lame * MEGA, "Pa", True),
+        ("solid.k_mu", v.solid.shear_modulus_MPa * MEGA, "Pa", 1),
+        ("solid.k_lambda", lame * MEGA, "Pa", 1),
     )
 
 
@@ -198,13 +200,16 @@ SOLID = dict(k_mu={mu:.6g}, k_lambda={lame:.6g})
 
 
 def _isaac_rows(v: Values) -> tuple[Row, ...]:
-    return ("normal_contact_stiffness", v.per_taxel, "N/m", True), ("taxel_pitch", v.taxel_m, "m", False), _offset(
-        v
-    ), *_soft(v)
+    return (
+        ("normal_contact_stiffness", v.per_taxel, "N/m", 1),
+        ("taxel_pitch", v.taxel_m, "m", 0),
+        _offset(v),
+        *_soft(v),
+    )
 
 
 def _isaac(v: Values) -> str:
-    return f"""# Fields of VisuoTactileSensorCfg. tactile_array_size and tactile_margin give points every {v.taxel_m:.6g} m.
+    return f"""# Fields of VisuoTactileSensorCfg. Choose tactile_array_size for points every {v.taxel_m:.6g} m.
 # Raise the elastomer's surface by {v.law["offset"]:.6g} m. tangential_stiffness was not measured.
 TACTILE = dict(
     normal_contact_stiffness={v.per_taxel:.6g},
@@ -221,11 +226,11 @@ SOLID = dict(
 
 def _hooke_rows(v: Values) -> tuple[Row, ...]:
     c10, d1 = neo_hooke(v.solid)
-    return ("C10", c10, "MPa", True), ("D1", d1, "1/MPa", False)
+    return ("C10", c10, "MPa", 1), ("D1", d1, "1/MPa", -1)
 
 
 def _febio_rows(v: Values) -> tuple[Row, ...]:
-    return ("c1", neo_hooke(v.solid)[0], "MPa", True), ("k", v.solid.bulk_modulus_MPa, "MPa", True)
+    return ("c1", neo_hooke(v.solid)[0], "MPa", 1), ("k", v.solid.bulk_modulus_MPa, "MPa", 1)
 
 
 def _card(suffix: str) -> Callable[[Values], str]:
@@ -233,7 +238,9 @@ def _card(suffix: str) -> Callable[[Values], str]:
 
     def card(v: Values) -> str:
         c10, d1 = neo_hooke(v.solid)
-        about = f"units: mm, N, MPa, t/mm3; E = {v.solid.youngs_modulus_MPa:.6g} MPa, nu = {v.solid.poisson_ratio:.6g}"
+        about = (
+            f"units: mm, N, MPa, t/mm3; E = {v.solid.youngs_modulus_MPa:.6g} MPa, nu = {v.solid.poisson_ratio:.6g}"
+        )
         text = CARDS[suffix].format(about=about, c10=c10, d1=d1, bulk=v.solid.bulk_modulus_MPa)
         if v.density_kg_m3 is None:
             return text
@@ -246,12 +253,8 @@ def _card(suffix: str) -> Callable[[Values], str]:
 
 
 PROGRAMS: Mapping[str, Program] = {
-    "newton": Program(
-        "Newton", ("1.8",), "pressure", READ, "gel.newton.py", TETRAHEDRA, _newton_rows, _newton
-    ),
-    "genesis": Program(
-        "Genesis", ("1.4",), "taxels", RUN, "gel.genesis.py", TETRAHEDRA, _genesis_rows, _genesis
-    ),
+    "newton": Program("Newton", ("1.8",), "pressure", READ, "gel.newton.py", TETRAHEDRA, _newton_rows, _newton),
+    "genesis": Program("Genesis", ("1.4",), "taxels", RUN, "gel.genesis.py", TETRAHEDRA, _genesis_rows, _genesis),
     "mujoco": Program("MuJoCo", ("4.0",), "point", RUN, "gel.xml", TETRAHEDRA, _mujoco_rows, _mujoco),
     "drake": Program("Drake", ("1.51",), "pressure", RUN, "gel.drake.py", TETRAHEDRA, _drake_rows, _drake),
     "isaac": Program("Isaac Lab", ("2.3",), "taxels", READ, "gel.isaac.py", TETRAHEDRA, _isaac_rows, _isaac),

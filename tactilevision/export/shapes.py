@@ -1,4 +1,4 @@
-"""Shapes that press on the gel, and the layer's force on each, which contact laws of other programs are fitted to."""
+"""Shapes that press on the gel, and the layer's force on each: what contact laws are fitted to."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Shape:
 
     def __str__(self) -> str:
         along = f", {self.length_mm:g} mm long" if self.name == "ridge" else ""
-        return f"{self.name} of {self.radius_mm:g} mm radius{along}"
+        name = "flat punch" if self.name == "flat" else self.name
+        return f"{name} of {self.radius_mm:g} mm radius{along}"
 
 
 def layer_force(
@@ -52,9 +53,7 @@ def layer_force(
         contact = FlatContact(shape.radius_mm, EDGE_OVER_H * thickness_mm, thickness_mm, friction)
         return punch_force(depth_mm, contact, material=material)
     body = Ball(shape.radius_mm) if shape.name == "ball" else Ridge(shape.radius_mm, shape.length_mm)
-    curve = contact_curve(
-        body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=material.poisson_ratio
-    )
+    curve = contact_curve(body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=material.poisson_ratio)
     return material.youngs_modulus_MPa * curve.force_over_E_mm2
 
 
@@ -72,7 +71,7 @@ def other_shapes(fitted: Shape) -> tuple[Shape, ...]:
 
 
 def check_depths(depths_mm: tuple[float, float], thickness_mm: float) -> None:
-    """Raise InputError unless the least and greatest depth rise and lie within the range of the layer's response."""
+    """Raise InputError unless the two depths rise and lie in the range of the layer's response."""
     low, high = depths_mm
     if not (np.isfinite(depths_mm).all() and 0 < low < high):
         raise InputError("two depths above 0 mm are needed, the smaller first", where="depths", value=depths_mm)
@@ -81,7 +80,7 @@ def check_depths(depths_mm: tuple[float, float], thickness_mm: float) -> None:
             "the depth exceeds the gel's thickness",
             where="depths",
             value=high,
-            remedy=f"The gel is {thickness_mm:g} mm thick; its response is known to {DEEPEST * thickness_mm:g} mm.",
+            remedy=f"The gel is {thickness_mm:g} mm thick; give depths to {DEEPEST * thickness_mm:g} mm.",
         )
     if high > DEEPEST * thickness_mm:
         raise InputError(

@@ -83,6 +83,9 @@ class Cone:
         return float("inf")
 
 
+Body = Ball | Cone | Ridge
+
+
 @dataclass(frozen=True, slots=True)
 class ContactCurve:
     """Depth (mm), force over Young's modulus (mm^2) and contact radius (mm), (n,) each, all growing."""
@@ -93,7 +96,7 @@ class ContactCurve:
 
 
 def contact_at(
-    body: Ball | Cone | Ridge, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
+    body: Body, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
 ) -> tuple[float, float]:
     """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond.
 
@@ -111,7 +114,7 @@ def contact_at(
 
 
 def contact_curve(
-    body: Ball | Cone | Ridge, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
+    body: Body, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
 ) -> ContactCurve:
     """Return the force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through
     them.
@@ -132,7 +135,7 @@ def contact_curve(
     return ContactCurve(depth, force, radius)
 
 
-def _bracket(body: Ball | Cone | Ridge, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
+def _bracket(body: Body, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
     """Return the contact radii whose depths enclose those asked for."""
     largest = min(A_OVER_H_RANGE[1] * case["thickness_mm"], body.largest_contact_mm())
     low = high = min(0.1 * case["thickness_mm"], largest)
