@@ -67,8 +67,10 @@ def interpreter(program: str) -> Path | None:
         # torch, which Genesis needs, is this environment's, after the packages of its own
         site = subprocess.run(
             [python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])"],
-            capture_output=True, text=True, check=True,
-        ).stdout.strip()  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
         Path(site, "zz_this.pth").write_text(sysconfig.get_paths()["purelib"])
         (folder / "installed").touch()
     found = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False)

@@ -171,11 +171,20 @@ def export_material(
         name: Estimate(value, None, _interval(value, ends, power), unit)
         for name, value, unit, power in program.rows(values)
     }
-    warnings = _warnings(program, material, solid, compared)
     return ExportedMaterial(
-        program, version, material, solid, thickness, settings, parameters, fitted, compared,
-        program.text(values), _assumptions(program, settings), warnings,
-    )  # fmt: skip
+        program,
+        version,
+        material,
+        solid,
+        thickness,
+        settings,
+        parameters,
+        fitted,
+        compared,
+        program.text(values),
+        _assumptions(program, settings),
+        _warnings(program, material, solid, compared),
+    )
 
 
 def capped(material: Material, content: Mapping[str, Any], largest_nu: float, where: object) -> Material:
