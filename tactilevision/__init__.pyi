@@ -8,6 +8,12 @@ from .errors import (
     RecordingError as RecordingError,
     TactilevisionError as TactilevisionError,
 )
+from .export.material import (
+    ExportedMaterial as ExportedMaterial,
+    ExportSettings as ExportSettings,
+    export_material as export_material,
+)
+from .export.shapes import Shape as Shape
 from .files.tiff import read_tiff as read_tiff, write_tiff as write_tiff
 from .force.calibrated import read_material as read_material
 from .force.field import ForceField as ForceField
@@ -48,6 +54,7 @@ from .records.measured import (
     Material as Material,
 )
 from .records.rig import Gel as Gel, Indenter as Indenter, Press as Press, Sensor as Sensor
+from .records.taxels import TaxelGrid as TaxelGrid, Taxels as Taxels
 from .records.wrench import Patch as Patch, Wrench as Wrench
 from .robots.live import Stream as Stream
 from .sensors import get_sensor as get_sensor

@@ -32,6 +32,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "calibrate": ("calibrate", "calibrate", "out", "Certify presses and fit E and nu of the gel."),
         "passport": ("calibrate", "passport", "out", "Follow a gel over weeks, and say when to recalibrate."),
         "plan": ("calibrate", "plan", "", "Find the fewest presses that reach a goal."),
+        "export-material": ("material", "export_material", "out", "Write the gel for simulators and FE programs."),
         "validate": ("simulate", "validate", "out", "Compare a calibration with finite elements."),
     },
     "What a model lacks": {

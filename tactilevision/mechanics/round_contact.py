@@ -1,4 +1,4 @@
-"""Contact of a ball or a cone with a bonded layer, exact up to quadrature."""
+"""Contact of a ball, a cone or a ridge with a bonded layer, exact up to quadrature."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tactilevision.mechanics.punch_equation import (
     legendre_series,
     positive,
 )
+from tactilevision.mechanics.ridge_contact import Ridge, ridge_at
 from tactilevision.records.measured import Floats
 
 # Frictionless contact of a smooth round body, exact up to quadrature.
@@ -82,6 +83,9 @@ class Cone:
         return float("inf")
 
 
+Body = Ball | Cone | Ridge
+
+
 @dataclass(frozen=True, slots=True)
 class ContactCurve:
     """Depth (mm), force over Young's modulus (mm^2) and contact radius (mm), (n,) each, all growing."""
@@ -92,9 +96,14 @@ class ContactCurve:
 
 
 def contact_at(
-    body: Ball | Cone, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
+    body: Body, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
 ) -> tuple[float, float]:
-    """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
+    """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond.
+
+    The radius of a ridge's contact is half its width.
+    """
+    if isinstance(body, Ridge):
+        return ridge_at(body, contact_radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     x, weights = gauss(NODES)
     alpha = contact_radius_mm / thickness_mm
     right = np.stack([np.ones(NODES), body.sag(contact_radius_mm * x)], axis=1)
@@ -105,7 +114,7 @@ def contact_at(
 
 
 def contact_curve(
-    body: Ball | Cone, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
+    body: Body, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
 ) -> ContactCurve:
     """Return the force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through
     them.
@@ -126,7 +135,7 @@ def contact_curve(
     return ContactCurve(depth, force, radius)
 
 
-def _bracket(body: Ball | Cone, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
+def _bracket(body: Body, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
     """Return the contact radii whose depths enclose those asked for."""
     largest = min(A_OVER_H_RANGE[1] * case["thickness_mm"], body.largest_contact_mm())
     low = high = min(0.1 * case["thickness_mm"], largest)

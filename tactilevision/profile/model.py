@@ -14,10 +14,12 @@ import numpy.typing as npt
 from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.records.constants import KILO
 from tactilevision.records.display import Displayed, Summary, number
 from tactilevision.records.maps import Footprint, HeightMap, TractionMap
 from tactilevision.records.measured import Bools, Bytes, Material
 from tactilevision.records.rig import Indenter, Sensor
+from tactilevision.records.taxels import TaxelGrid, Taxels, taxel_means
 from tactilevision.records.wrench import Patch, Wrench
 
 if TYPE_CHECKING:
@@ -96,6 +98,26 @@ class Seen(Displayed):
         return replace(
             found, title=f"Seen {self.height.name}".rstrip(), values=values, notes=(*found.notes, *more)
         )
+
+    def at_taxels(self, grid: TaxelGrid) -> Taxels:
+        """Return penetration (rows, columns) in m and traction (3, rows, columns) in Pa, averaged over each taxel.
+
+        Penetration is the depth of the gel's face within contact, and 0 outside it: gel that sinks or rises next
+        to a contact is not penetrated. Tractions are None where no force is known. A taxel is NaN where less than
+        half of it was seen. Sums of traction times area are the force where the grid covers the contact.
+        """
+        height, tractions = self.height, self.tractions
+        rows, columns = height.depth_mm.shape
+        x, y = height.mm_per_px
+        penetration = np.where(self.contact, np.maximum(height.depth_mm, 0), 0.0)
+        first = (-(columns - 1) / 2 * x, -(rows - 1) / 2 * y)
+        depth_mm = taxel_means(penetration[None], height.valid, (x, y), first, grid=grid)[0]
+        if tractions is None:
+            return Taxels(grid, depth_mm / KILO, None)
+        every = np.stack([tractions.t_x, tractions.t_y, tractions.t_z])
+        seen = np.asarray(np.isfinite(every).all(axis=0))
+        found = taxel_means(every, seen, tractions.mm_per_px, tractions.first_mm, grid=grid)
+        return Taxels(grid, depth_mm / KILO, found * KILO**2)
 
     @property
     def std(self) -> Singles | None:

@@ -18,9 +18,12 @@ from tactilevision.records.measured import Floats
 WEDGES = 180.0  # CalculiX turns an axisymmetric mesh into a wedge of two degrees
 
 
-def calculix_forces(problem: PunchProblem, depths_mm: Floats, folder: Path) -> Floats:
-    """Force (N) at each of evenly spaced `depths_mm`, solved by the ccx on the path (neo-Hooke only)."""
-    (folder / "punch.inp").write_text(deck(problem, depths_mm))
+def calculix_forces(problem: PunchProblem, depths_mm: Floats, folder: Path, card: str = "") -> Floats:
+    """Force (N) at each of evenly spaced `depths_mm`, solved by the ccx on the path (neo-Hooke only).
+
+    `card` is the gel's material, by default that of the problem.
+    """
+    (folder / "punch.inp").write_text(deck(problem, depths_mm, card))
     subprocess.run(["ccx", "-i", "punch"], cwd=folder, check=True, capture_output=True, timeout=500)
     text = (folder / "punch.dat").read_text()
     found = re.findall(r"total force .*?\n\s*\n\s+\S+\s+(\S+)", text)
@@ -28,9 +31,9 @@ def calculix_forces(problem: PunchProblem, depths_mm: Floats, folder: Path) -> F
     return forces
 
 
-def deck(problem: PunchProblem, depths_mm: Floats) -> str:
+def deck(problem: PunchProblem, depths_mm: Floats, card: str = "") -> str:
     """The input file."""
-    return "".join((_geometry(problem), _material(problem), _contact(problem), _steps(depths_mm)))
+    return "".join((_geometry(problem), _material(card or _card(problem)), _contact(problem), _steps(depths_mm)))
 
 
 def _geometry(problem: PunchProblem) -> str:
@@ -64,12 +67,13 @@ def _elements(quads: Ints, *, first: int, offset: int) -> str:
     return "\n".join(f"{first + i}, " + ", ".join(str(n + offset) for n in quad) for i, quad in enumerate(quads))
 
 
-def _material(problem: PunchProblem) -> str:
+def _card(problem: PunchProblem) -> str:
     c10, d1 = neo_hooke(problem.material)
-    return f"""*MATERIAL, NAME=GEL
-*HYPERELASTIC, NEO HOOKE
-{c10}, {d1}
-*MATERIAL, NAME=STEEL
+    return f"*MATERIAL, NAME=GEL\n*HYPERELASTIC, NEO HOOKE\n{c10}, {d1}\n"
+
+
+def _material(card: str) -> str:
+    return f"""{card}*MATERIAL, NAME=STEEL
 *ELASTIC
 1000, 0.3
 *SOLID SECTION, ELSET=GEL, MATERIAL=GEL
