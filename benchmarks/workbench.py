@@ -19,8 +19,9 @@ from calibration.inputs.observations import Measured
 from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.curve_views import curve_view
 from calibration.workbench.opened import Frames, Opened
-from calibration.workbench.views import curve_view, state_view
+from calibration.workbench.views import state_view
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording

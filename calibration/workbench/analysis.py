@@ -220,7 +220,7 @@ class Asking:
 
     def then(self, what: str, tried: int, of: int) -> Asking:
         """Return the progress at the next step."""
-        new = of != self.of
+        new = of != self.of or tried < self.tried
         if new and of == tried + 1:  # a step of its own
             return replace(self, what=what, tried=0, of=0)
         return Asking(what, tried, of, self.passes + new, time.monotonic() if new else self.since_s)

@@ -194,8 +194,10 @@ class Dropping:
 
 BACKGROUND, ACTION = "background", "action"
 LOOK_S = 2.0  # s between checks of the files
+TOLD_S = 0.3  # s between two reports of the progress of one step
 Place = tuple[tuple[str, ...], tuple[str, ...]]  # a state: presses excluded, and effects in their order
 Export = Callable[["Shown", Opened, Path], Path]
+Read = Callable[["Bench"], Opened]  # certifies presses; reports to `Bench.report` and `Bench.warned`
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +245,10 @@ class Known:
 
 
 class Bench:
-    """One analysis. `act` and `wait` may be called from any thread; `work` runs in one."""
+    """One analysis. `act` and `wait` may be called from any thread; `work` runs in one.
+
+    `opened` may lack what `read` returns, which is called first, while the page shows presses and frames.
+    """
 
     def __init__(
         self,
@@ -254,8 +259,9 @@ class Bench:
         keep: Callable[[History], None],
         out: Path,
         asks: bool = True,
+        read: Read | None = None,
     ) -> None:
-        self.opened = opened
+        self.opened, self._read, self._told_s = opened, read, 0.0
         self.models = analysis.Models(opened, begin.seed)
         self._export, self._keep, self._out, self._asks = export, keep, out, asks
         self._turn = threading.Condition()
@@ -379,7 +385,33 @@ class Bench:
             self._show(notice=str(fault) or type(fault).__name__)
         self._show(busy="")
 
+    def report(self, what: str, done: int, of: int) -> None:
+        """Show the step of certifying that runs, `done` of so many; not more often than every TOLD_S."""
+        asking, now_s = self._shown.asking or Asking(), time.monotonic()
+        if what != asking.what or now_s > self._told_s + TOLD_S:
+            self._told_s = now_s
+            self._show(asking=asking.then(what, done, of))
+
+    def warned(self, lines: Sequence[str]) -> None:
+        """Show warnings as they arise."""
+        self.opened = replace(self.opened, warnings=tuple(dict.fromkeys((*self.opened.warnings, *lines))))
+        self._show()
+
+    def _certify(self) -> None:
+        """Certify the presses; where that fails, the page keeps what it shows, and says why."""
+        self._dropping.keep()  # what is half certified serves nobody
+        assert self._read is not None
+        try:
+            self.opened = self._read(self)
+        except Exception as fault:
+            self._show(troubled=str(fault) or type(fault).__name__, busy="", asking=None)
+            raise
+        self.models = analysis.Models(self.opened, self._shown.history.seed)
+        self._show(asking=None)
+
     def _change(self, action: str, value: str) -> None:
+        if action == "open" and self._read is not None:
+            self._certify()
         track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
         now = track.now
         fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])

@@ -25,6 +25,7 @@ from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import NU_SILICONE
 from tactilevision.records.maps import Frame, HeightMap
 from tactilevision.records.measured import Bytes, Estimate, Floats, Pair
+from tactilevision.sensors.rectification import rectify
 
 READINGS = 400  # of the force, at most, plotted of one press
 SMALL_PX = 240  # width of the pictures while the slider moves
@@ -41,10 +42,13 @@ class Seen:
 
 @dataclass(slots=True, eq=False)
 class Frames:
-    """Frames of one recording with height maps on request; `evidence` of its certificate by press."""
+    """Frames of one recording with height maps on request; `evidence` of its certificate by press.
+
+    Without a reconstructor, until the light is calibrated, there are no height maps.
+    """
 
     recording: Recording
-    reconstructor: Reconstructor
+    reconstructor: Reconstructor | None = None
     evidence: Mapping[str, Evidence] = field(default_factory=dict)
     _turn: threading.Lock = field(default_factory=threading.Lock)
 
@@ -61,15 +65,23 @@ class Frames:
         numbers = self.of_press(press)
         times = self.recording.frame_times_s[numbers]
         first = float(times[0]) if numbers else 0.0
-        found = {"frames": numbers, "times": (times - first).tolist()}
+        heights = self.reconstructor is not None
+        found = {"frames": numbers, "times": (times - first).tolist(), "heights": heights}
         evidence = self.evidence.get(press)
         return found if evidence is None or not numbers else found | _certified(evidence, times, first)
 
     def small(self, number: int) -> Bytes:
         """Return a small frame (h, w, 3), grey levels, without heights. Raises InputError as `see` does."""
-        rgb = self.reconstructor.rectified(self._read(number))
+        rgb = self.picture(number)
         size = (SMALL_PX, max(round(SMALL_PX * rgb.shape[0] / rgb.shape[1]), 1))
         return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def picture(self, number: int) -> Bytes:
+        """Return a frame (H, W, 3), rectified, grey levels. Raises InputError as `see` does."""
+        frame = self._read(number)
+        if self.reconstructor is None:
+            return rectify(self.recording.sensor, frame.rgb)
+        return self.reconstructor.rectified(frame)
 
     def _read(self, number: int) -> Frame:
         if not 0 <= number < len(self.recording.frame_names):
@@ -83,6 +95,8 @@ class Frames:
 
     @lru_cache(maxsize=KEPT)  # noqa: B019 - the frames live as long as the page
     def _seen(self, number: int) -> Seen:
+        if self.reconstructor is None:
+            raise InputError("the light is still being calibrated", where=self.recording.name)
         frame = self._read(number)
         return Seen(self.reconstructor.rectified(frame), self.reconstructor.height_map(frame))
 
@@ -96,6 +110,8 @@ def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, A
         "event_s": None if touch is None else touch.time_s - first_s,
         "force_s": (evidence.force_time_s[every] - first_s).tolist(),
         "force_N": evidence.force_N[every, 2].tolist(),
+        "depth_s": (evidence.time_s - first_s).tolist(),
+        "depth_mm": evidence.depth_mm.tolist(),
         "deepest_mm": float(depth.max()) if depth.size else None,
         **_places(evidence),
     }
@@ -122,14 +138,14 @@ NO_FILE = (0, 0)  # mark of a folder, and of what was not there: new folders do 
 class Opened:
     """Recordings as `compare` reads them.
 
-    `data`: all accepted presses; `bulge` and `bound`: knowledge of nu; `private`: the user's effects, with their
-    `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `listed`: the
-    effects to test besides the private ones, None: the catalogue's.
+    `observed`: all accepted presses, None until they are certified; `bulge` and `bound`: knowledge of nu;
+    `private`: the user's effects, with their `files` by key; `frames` of recordings with pictures; `marks` of the
+    files when they were read; `listed`: the effects to test besides the private ones, None: the catalogue's.
     """
 
     paths: tuple[Path, ...]
     measured: tuple[Measured, ...]
-    data: Observations
+    observed: Observations | None = None
     bulge: Estimate | None = None
     bound: Pair | None = NU_SILICONE
     private: tuple[Effect, ...] = ()
@@ -138,6 +154,13 @@ class Opened:
     warnings: tuple[str, ...] = ()
     marks: Marks = field(default_factory=dict)
     listed: tuple[Effect, ...] | None = None
+
+    @property
+    def data(self) -> Observations:
+        """All accepted presses. Raises InputError before they are certified."""
+        if self.observed is None:
+            raise InputError("the presses are not certified", where="workbench")
+        return self.observed
 
     @property
     def title(self) -> str:

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from calibration.workbench.bench import Bench
+from calibration.workbench.curve_views import certificate_view, curve_view, tried_view
 from calibration.workbench.opened import Frames
-from calibration.workbench.views import certificate_view, curve_view, state_view, tried_view
+from calibration.workbench.views import state_view
 from tactilevision.errors import InputError, library
 from tactilevision.local_page import POLICY, Answer, LocalPage, page_files
 from tactilevision.records.measured import Bytes
@@ -68,7 +69,7 @@ ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, An
     "curves": lambda bench, _asked: curve_view(bench.shown),
     "tried": lambda bench, asked: tried_view(bench.shown, asked["name"], float(asked["value"])),
     "frames": _frames,
-    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb),
+    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).picture(int(asked["number"]))),
     "small": lambda bench, asked: _jpeg(_of_recording(bench, asked).small(int(asked["number"]))),
     "height": _height,
 }

@@ -2,7 +2,7 @@
 // The page: shows what the server says stands, and hands over what a person does. It holds no physics and no statistics.
 
 const $ = (id) => document.getElementById(id);
-let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
+let state = null, curves = null, model = null, chosen = null, picked = false, certified = null, tried = null, seenSince = 0, sliding = null, watching = false;
 const FIRST = 4, LITTLE = 0.01;  // cards that are shown at once; share of the error that is worth a card
 const drawn = {};
 const open = new Set();
@@ -76,12 +76,17 @@ function show() {
   part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text : capital(text)}.`.replace(/\.\.$/, ".")))));
   tick();
   const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
-  part("verdict", [{ ...verdict, asking: Boolean(asking) }], showVerdict);
+  part("verdict", [{ ...verdict, asking: Boolean(asking) }, state.certified], showVerdict);
   part("search", [asking, effects, left], showSearch);
   part("modulus", [state.modulus, state.unseen], showModulus);
   part("falls", state.falls, showFalls);
   part("components", [state.components, state.stiffness], showComponents);
   part("cards", [state.cards, state.earlier], showCards);
+  if (!chosen && state.presses.length) chosen = state.presses[0].name;
+  if (certified !== state.certified) {  // frames at once, what is known of them later
+    certified = state.certified; scrub.press = "";
+    showFrames(state.presses.find((one) => one.name === chosen));
+  }
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
@@ -103,7 +108,7 @@ function showVerdict([verdict]) {
   $("verdict").className = verdict.word ? (verdict.word === "ADEQUATE" ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
-      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
+      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : !state.certified ? "The presses are being certified; their frames can be seen below." : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
     h("p", { class: "soft" }, verdict.word || !named.length ? effects : "Named by the diagnosis before, and not added yet:"),
     named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
       verdict.word ? " and watch the error fall." : "") : "",
@@ -123,7 +128,7 @@ function showSearch([asking, tried, left]) {
   const [at, of, pass] = tried.length ? tried : [0, 0, 0], bar = $("search").firstChild;
   bar.firstChild.style.width = of ? `${100 * at / of}%` : "0";
   bar.setAttribute("aria-valuemin", 0); bar.setAttribute("aria-valuemax", of || 1); bar.setAttribute("aria-valuenow", at);
-  $("search").lastChild.textContent = `Search${pass ? ` ${pass}` : ""}: ${asking}${of ? `, effect ${at + 1} of ${of}` : ""}${left ? `, about ${left < 10 ? Math.ceil(left) : 5 * Math.ceil(left / 5)} s left of it` : ""}`;
+  $("search").lastChild.textContent = `${state.certified ? `Search${pass ? ` ${pass}` : ""}: ${asking}` : capital(asking)}${of ? `, ${state.certified ? "effect " : ""}${Math.min(at + 1, of)} of ${of}` : ""}${left ? `, about ${left < 10 ? Math.ceil(left) : 5 * Math.ceil(left / 5)} s left of it` : ""}`;
 }
 
 /** E and nu of each model, with the interval from the data and with what may be unseen. */
@@ -264,12 +269,12 @@ function cardOf(card) {
 function showPresses([presses]) {
   const top = $("presses").scrollTop;
   fill("presses", presses.map((one) => {
-    const fitted = one.state === "fitted", rejected = one.state.startsWith("rejected");
+    const fitted = one.state === "fitted";
     const words = fitted ? one.rms.map((v) => v.toFixed(1)).filter((v, k, all) => k === 0 || v !== all[0]).join(" → ") + " mN" : one.state;
-    return h("div", { class: fitted ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
+    return h("div", { class: fitted || !state.certified ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
       h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " outlier") : "",
         h("small", {}, one.indenter), h("small", {}, words)),
-      rejected ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
+      !fitted && one.state !== "excluded" ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
         "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
   $("presses").scrollTop = top;
@@ -303,9 +308,9 @@ function showWeeks(weeks) {
 }
 
 function choose(name) {
-  chosen = name;
+  chosen = name; picked = true;
   part("presses", [state.presses, chosen], showPresses);
-  drawChosen(); drawResiduals(); drawDepths();
+  if (curves && curves.models.length) { drawChosen(); drawResiduals(); drawDepths(); }
   showFrames(state.presses.find((one) => one.name === name));
 }
 
@@ -330,7 +335,7 @@ function drawChosen() {
   const place = curves.presses.findIndex((one) => one.name === chosen);
   if (place < 0) {
     $("press-title").textContent = `Press ${chosen}: not fitted`;
-    Plotly.purge("press-chart"); Plotly.purge("residual-chart");
+    Plotly.purge("press-chart");
     return;
   }
   const press = curves.presses[place];
@@ -363,8 +368,8 @@ function showCurves() {
     fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: right${square} `, h("span", {}, ""));
   }
   options("covariate", ""); options("colour", h("option", { value: "" }, "model"));
-  if (!curves.presses.some((one) => one.name === chosen)) {
-    chosen = worst();
+  if (!picked || !state.presses.some((one) => one.name === chosen)) {
+    chosen = worst(); picked = true;
     part("presses", [state.presses, chosen], showPresses);
     showFrames(state.presses.find((one) => one.name === chosen));
   }
