@@ -402,5 +402,6 @@ document.addEventListener("keydown", (event) => {
     if (names[at]) choose(names[at]);
   }
 });
+for (const id of ["press-chart", "strip-chart", "depth-chart"]) $(id).after(saveButton(id, $(id).getAttribute("aria-label")));
 setInterval(tick, 1000);
 follow();
