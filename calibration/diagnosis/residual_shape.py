@@ -4,8 +4,8 @@ Each shape is a direction of the force, alone or in proportion to the force,
 
     step 1[u > u0],    wave cos(2 pi u/L), sin(2 pi u/L),    line u,    bend u^2,
 
-whitened, less what the fit absorbs. The best removes most of chi^2, less 2 a number and 2 ln of the forms searched.
-It describes where to look; it names no cause.
+whitened, less what the fit absorbs. The best removes most of chi^2, less 2 a number and 2 ln of the forms
+searched. It describes where to look; it names no cause.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ def find_shape(fitted: Fit) -> Shape | None:
                 count += 1
                 columns = np.column_stack(forms) * np.reshape(scale, (-1, 1))
                 left = unexplained(absorbed, fitted.whitener.apply(columns))
-                size, *_ = np.linalg.lstsq(left, seen, rcond=None)
-                gain = float(np.sum(np.square(left @ size))) - 2 * (len(forms) + (searched > 1)) - 2 * log(searched)
+                size = np.asarray(np.linalg.lstsq(left, seen, rcond=None)[0], float)
+                cost = 2 * (len(forms) + (searched > 1)) + 2 * log(searched)
+                gain = float(np.sum(np.square(left @ size))) - cost
                 if gain > most and np.std(columns @ size) < ABSORBED * np.std(fitted.residual_N):
                     ends = float(np.min(covariate.values)), float(np.max(covariate.values))
                     about = (covariate.name, covariate.unit, kind, relative, at, ends)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,12 @@ import cv2
 import numpy as np
 
 from calibration.effects import effects_for, get_effect
+from calibration.effects.private import load_effect
 from calibration.inputs.observations import Measured, Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
+from tactilevision.files.opening import real_path
+from tactilevision.files.writing import remove, write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Evidence
 from tactilevision.recording.layout import some
@@ -131,6 +135,8 @@ def _places(evidence: Evidence) -> dict[str, list[float]]:
 
 
 Marks = Mapping[str, tuple[int, int]]
+OWN = "own_effects"  # folder of the effects that were written in the page
+KEY = re.compile(r"""^\s+key = ["'](\w{1,60})["']""", re.MULTILINE)  # of an effect, in its text
 NO_FILE = (0, 0)  # mark of a folder, and of what was not there: new folders do not count
 
 
@@ -182,6 +188,32 @@ class Opened:
         if any(one.key == key for one in self.private):
             return "your own"
         return "effect"
+
+
+def with_own(opened: Opened, text: str, folder: Path) -> tuple[Opened, str]:
+    """Return the recordings with the private effect of this text, which is written into `folder`, and its key.
+
+    It runs as the effect of a named file does. Raises InputError for a text without a key, and as `load_effect`;
+    the file is then as it was before.
+    """
+    found = KEY.search(text)
+    if found is None:
+        remedy = 'Write a line like key = "my_effect" in its class.'
+        raise InputError("the effect has no key", where="your effect", remedy=remedy)
+    key, file = found[1], folder / OWN / f"{found[1]}.py"
+    before = file.read_text(encoding="utf-8") if file.is_file() else None
+    write_text(file, text)
+    try:
+        effect = load_effect(file)
+    except InputError:
+        if before is None:
+            remove(file)
+        else:
+            write_text(file, before)
+        raise
+    kept = tuple(one for one in opened.private if one.key != effect.key)
+    files = {**opened.files, effect.key: str(real_path(file))}
+    return replace(opened, private=(*kept, effect), files=files), key
 
 
 def file_marks(paths: Sequence[Path]) -> Marks:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.effects.private import template
 from calibration.fit.repeats import LEVEL
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import press_names
@@ -50,6 +51,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "model": _model_number(shown),
         "modulus": [] if found is None else _modulus(found, shown),
         "unseen": UNSEEN,
+        "again": bench.again,
         "certified": opened.observed is not None,
         "looked": shown.now is not None and shown.now.rng is not None,
         "undo": bool(shown.track.past),
@@ -99,6 +101,8 @@ def _verdict(shown: Shown) -> dict[str, Any]:
         "tried": [] if asking is None or not asking.of else [asking.tried, asking.of, asking.passes],
         "left_s": None if asking is None else asking.left_s,
         "troubled": shown.troubled,
+        "own_effect": found.own_effect,
+        "template": template("my_effect"),
         "named": [] if ambiguous else not_yet(found.named),
         "nearest": not_yet(to_try),
         "next": [
@@ -176,13 +180,13 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
 
 
 def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
-    """Return E and nu of each model in words; of the last one with what the diagnosis allows for."""
+    """Return E and nu of each model in words, with what its diagnosis allows for."""
     names, rows = model_names([model.effects for model in found.models]), []
     verdict = shown.verdict or Verdict()
     for name, model in zip(names, found.models, strict=True):
         material, last = model.material, model is found.models[-1]
-        if material is not None and last and verdict.modulus is not None:
-            material = replace(material, youngs_modulus=verdict.modulus)
+        if material is not None:
+            material = replace(material, youngs_modulus=shown.stated.get(model.effects, material.youngs_modulus))
         row = None if material is None else modulus_rows({name: material})[0]
         lacks = [in_words(key) for key in verdict.named] if last and verdict.word != "AMBIGUOUS" else []
         rows.append(

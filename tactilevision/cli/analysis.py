@@ -28,6 +28,7 @@ from calibration.workbench.server import Server, plotly
 from tactilevision import result_folders as folders
 from tactilevision.cli import console
 from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files.cache import remember, remembered
 from tactilevision.files.opening import real_path
 from tactilevision.pipeline import (
     CertifiedRecording,
@@ -38,6 +39,7 @@ from tactilevision.pipeline import (
 )
 from tactilevision.records.constants import KILO, NU_SILICONE
 
+PAGE = "page"  # what is remembered of a workbench: its port and token
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 Private = Annotated[
     list[Path] | None,
@@ -233,11 +235,24 @@ def workbench(
         out=out,
         read=_certified,
     )
-    with Server(bench, port, framed=framed) as server:
+    with _served(bench, out, port, framed=framed) as server:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
         if browser:
             typer.launch(server.address)
         bench.work()
+
+
+def _served(bench: Bench, out: Path, port: int, *, framed: bool) -> Server:
+    """Return the page at the port and the token that this folder's had before, so that an open page comes back."""
+    before, _, token = remembered(PAGE, real_path(out)).partition(" ")
+    try:
+        server = Server(bench, port or int(before or 0), framed=framed, token=token)
+    except InputError:
+        if port or not before:
+            raise
+        server = Server(bench, framed=framed)  # another workbench has that port
+    remember(PAGE, real_path(out), f"{server.port} {server.token}")
+    return server
 
 
 def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
@@ -311,9 +326,10 @@ def _frames(taken: CertifiedRecording) -> Frames | None:
 
 def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     """Write the report, calibration.json, the history and the script that repeats it, all or none."""
-    assert shown.now is not None
-    found = replace(shown.now.found, suggested=shown.suggested)
+    found, (verdict, caveats) = shown.found(opened), shown.said(opened)
     history = replace(shown.history, applied=True)
     commands = folders.commands_after_comparison(found, history, opened.files)
-    folders.write_comparison(found, history, out=out, try_next=commands, listener=console)
+    folders.write_comparison(
+        found, history, out=out, try_next=commands, verdict=[*verdict, *caveats], listener=console
+    )
     return out / "report.html"

@@ -125,7 +125,7 @@ function drawStrip(curves, strip, colourBy, chosen, onPress) {
     const by = k === last && colourBy, size = by ? 5 : 4, y = curves.residual[k], out = y.map((one) => Math.abs(one) > reach);
     traces.push({ x: place(k), y: y.map((one, row) => (out[row] ? within(one) : one)), customdata: y, mode: "markers", name: plain(name),
       text: curves.press.map((one, row) => `press ${plain(one)}<br>${plain(strip.words)} ${inUnit(strip, strip.values[row])}${by ? `<br>${plain(by.words)} ${inUnit(by, by.values[row])}` : ""}`),
-      hovertemplate: "%{text}<br>%{customdata:.1f} mN<extra></extra>", opacity: by ? 0.9 : 0.28,
+      hovertemplate: "%{text}<br>%{customdata:.1f} mN<extra></extra>", opacity: by ? 0.9 : Math.max(0.28, Math.min(0.9, 60 / y.length)),
       marker: { color: shade(curves.colours[k]), ...(by ? marker : {}), size: out.map((one) => (one ? 9 : size)), symbol: y.map((one, row) => (out[row] ? (one > 0 ? "triangle-up" : "triangle-down") : "circle")) } });
   });
   curves.models.forEach((name, k) => {

@@ -36,8 +36,8 @@ async function showFrames(press) {
       found.heights ? map : h("p", { class: "soft" }, "Its height map follows when the light is calibrated.")),
     found.face ? h("p", { class: "soft legend" }, key("face", "face of the punch, as found"), found.bevel ? key("bevel", "where its bevel is watched") : "",
       known ? "" : "No sure touch of the bevel.") : "",
-    h("div", { class: "pair" }, found.heights ? chartOf("section-chart", "Depth along the section", "low") : "",
-      found.force_s && found.force_s.length ? chartOf("force-chart", "Force and depth read by the camera during the press", "low") : ""));
+    h("div", { class: "pair" }, found.heights ? chartOf("section-chart", "Depth along the section") : "",
+      found.force_s && found.force_s.length ? chartOf("force-chart", "Force and depth read by the camera during the press") : ""));
   see();
 }
 

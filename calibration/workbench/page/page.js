@@ -38,18 +38,29 @@ async function ask(path) {
 }
 
 async function act(action, value = "") {
-  say("");
+  if (!lost) say("");
   try {
     const answer = await fetch("act", { method: "POST", headers: { "Content-Type": "application/json" },
       body: JSON.stringify({ action, value, version: state.version }) });
     if (!answer.ok) say((await answer.json()).error);
-  } catch { say("The workbench does not answer: was it ended? What was kept is in its folder."); }
+  } catch { showLost(); }
+}
+
+const LOST = "The workbench has ended. ";
+let lost = false;
+
+/** The server has ended: the command that goes on, at the same address, so that this page comes back. */
+function showLost() {
+  lost = true;
+  $("busy").className = ""; $("busy").textContent = "";
+  $("notice").replaceChildren(LOST, ...(state ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["Open the address that the terminal printed."]));
 }
 
 async function follow() {
   for (;;) {
     try {
-      const news = await ask(`state?since=${state ? state.version : 0}`);
+      const news = await ask(`state?since=${state && !lost ? state.version : 0}`);
+      if (lost) { lost = false; model = null; say(""); }
       state = news;
       seenSince = performance.now() - 1000 * news.busy_s;
       show();
@@ -60,7 +71,7 @@ async function follow() {
         showCurves();
       }
     } catch (fault) {
-      $("busy").textContent = "The workbench does not answer: was it ended? Its state is kept in its folder.";
+      if (fault instanceof TypeError) showLost(); else say(fault.message);
       await new Promise((done) => setTimeout(done, 2000));
     }
   }
@@ -71,8 +82,10 @@ function show() {
   $("title").textContent = state.title;
   $("undo").disabled = !state.undo; $("redo").disabled = !state.redo;
   $("label").disabled = $("export").disabled = !state.components.length;
+  document.body.classList.toggle("early", !state.certified);
   if (state.notice) say(state.notice);
-  if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh in the same folder.`));
+  part("saved", state.saved, showSaved);
+  ranOwn();
   part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text : capital(text)}.`.replace(/\.\.$/, ".")))));
   tick();
   const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
@@ -100,6 +113,42 @@ function tick() {
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
+/** What was exported, which opens in a tab of its own where the browser lets it. */
+function showSaved(saved) {
+  if (!saved) return;
+  $("notice").replaceChildren(h("a", { href: "report.html", target: "_blank" }, "Open the report"), `, written as ${saved}, with calibration.json and repeat.sh in the same folder.`);
+  if (exporting) open_("report.html");
+  exporting = false;
+}
+
+let exporting = false, running = null;
+const open_ = (address) => globalThis.open(address, "_blank");
+
+/** The editor of an effect of one's own; a draft stays until it is begun anew. */
+function editOwn(anew) {
+  const text = state.verdict.own_effect || state.verdict.template;
+  if (anew || !$("own-text").value) $("own-text").value = text;
+  $("own-fault").textContent = "";
+  if (!$("own").open) $("own").showModal();
+}
+
+function runOwn() {
+  running = { model: state.model, version: state.version, notice: state.notice };
+  $("own-run").disabled = true; $("own-fault").textContent = "It is being run and fitted.";
+  act("own", $("own-text").value);
+}
+
+/** Whether the effect that runs was added, or why not. */
+function ranOwn() {
+  if (!running) return;
+  if (state.busy.startsWith("running")) running.seen = true;
+  const added = state.model !== running.model, failed = !state.busy.startsWith("running") && state.notice && (running.seen || state.notice !== running.notice);
+  if (!added && !failed) return;
+  running = null; $("own-run").disabled = false;
+  $("own-fault").textContent = added ? "" : state.notice;
+  if (added) { $("own").close(); toTop(); }
+}
+
 function capital(text) { return text[0].toUpperCase() + text.slice(1); }
 
 function showVerdict([verdict]) {
@@ -113,6 +162,8 @@ function showVerdict([verdict]) {
     named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
       verdict.word ? " and watch the error fall." : "") : "",
     verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => add([one.key], `Try ${one.title}`)), " and see whether the error falls.") : "",
+    verdict.word === "UNKNOWN" ? h("p", {}, h("button", { class: verdict.nearest.length ? "" : "main", "data-own": "", onclick: () => editOwn(false) }, "Write an effect of your own"),
+      verdict.own_effect ? " that begins with the shape of the residual." : "") : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.warnings.length ? h("ul", { class: "bad" }, verdict.warnings.map((text) => h("li", {}, text))) : "",
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
@@ -238,6 +289,7 @@ function showCards([cards, earlier]) {
     folded("open", "Significant, not fitted", open_),
     folded("little", "Fitted, and remove next to nothing", little),
     folded("far", "May be chance", far),
+    h("p", {}, h("button", { class: "link", "data-own": "card", onclick: () => editOwn(false) }, "An effect of your own…")),
     cannot.length ? h("details", { open: open.has("cannot"), ontoggle: (e) => keepOpen("cannot", e.target.open) }, h("summary", {}, `Not testable with these data (${cannot.length})`),
       cannot.map((one) => h("div", { class: "box" }, h("h3", {}, one.title), h("p", { class: "soft" }, one.why)))) : "");
   for (const node of $("cards").querySelectorAll("[data-overlay]")) drawOverlay(node, cards.find((one) => one.key === node.dataset.overlay).overlay);
@@ -385,7 +437,11 @@ function redraw() {
 $("stop").addEventListener("click", () => act("stop"));
 $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
-$("export").addEventListener("click", () => { drawn.saved = ""; act("export"); });
+$("export").addEventListener("click", () => { drawn.saved = ""; exporting = true; act("export"); });
+$("own-leave").addEventListener("click", () => $("own").close());
+$("own-again").addEventListener("click", () => editOwn(true));
+$("own-run").addEventListener("click", runOwn);
+$("help").addEventListener("click", () => $("keys").showModal());
 $("label").addEventListener("click", () => { $("name").value = ""; $("naming").returnValue = ""; $("naming").showModal(); });
 $("leave").addEventListener("click", () => $("naming").close("cancel"));
 $("naming").addEventListener("close", () => { if ($("naming").returnValue === "keep") act("label", $("name").value); });
@@ -394,7 +450,13 @@ $("depth-against").addEventListener("change", drawDepths);
 for (const id of ["covariate", "colour"]) $(id).addEventListener("change", drawResiduals);
 DARK.addEventListener("change", redraw);
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT|TEXTAREA/.test(event.target.tagName) || $("naming").open) return;
+  if (!state || event.altKey || /^(SELECT|TEXTAREA)$/.test(event.target.tagName) || (event.target.tagName === "INPUT" && event.target.type !== "range") || document.querySelector("dialog[open]")) return;
+  if (event.ctrlKey || event.metaKey) {
+    const way = { z: event.shiftKey ? "redo" : "undo", y: "redo" }[event.key.toLowerCase()];
+    if (way && state[way]) { event.preventDefault(); act(way); }
+    return;
+  }
+  if (event.key === "?") $("keys").showModal();
   if (event.key === "u" && state.undo) act("undo");
   if (event.key === "r" && state.redo) act("redo");
   if ((event.key === "j" || event.key === "k") && curves) {
