@@ -30,6 +30,7 @@ from calibration.tasks.compare import Compared, Comparison, rms_of_presses
 from calibration.workbench.analysis import OF_FORCE, Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Opened
+from calibration.workbench.press_scatter import why_off
 from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.misfit import ErrorFall, Strip
@@ -269,6 +270,7 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
         return
     data, names, rms = opened.data, press_names(opened.data), _rms(shown)
     odd = () if shown.verdict is None else shown.verdict.odd
+    off = {} if shown.now is None else why_off(shown.now.found.models[-1].fitted)
     for k in np.argsort(data.presses.order, kind="stable"):
         out = names[k] in shown.history.left_out
         indenter = data.indenters[int(data.presses.indenter[k])]
@@ -280,6 +282,7 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
             "state": "excluded" if out else "fitted",
             "odd": data.presses.label[k] in odd,
             "rms": [] if out else rms.get(names[k], []),
+            "why": "" if out else off.get(names[k], ""),
         }
     for number, measured in enumerate(opened.measured):
         for point in (one for one in measured.points if not one.accepted):

@@ -325,7 +325,7 @@ function showPresses([presses]) {
     const words = fitted ? one.rms.map((v) => v.toFixed(1)).filter((v, k, all) => k === 0 || v !== all[0]).join(" → ") + " mN" : one.state;
     return h("div", { class: fitted || !state.certified ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
       h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " outlier") : "",
-        h("small", {}, one.indenter), h("small", {}, words)),
+        h("small", {}, one.indenter), h("small", {}, words), one.why && one.rms.length > 1 && one.rms[0] !== one.rms[1] ? h("small", {}, one.why) : ""),
       !fitted && one.state !== "excluded" ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
         "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
@@ -393,6 +393,7 @@ function drawChosen() {
   const press = curves.presses[place];
   const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
   $("press-title").textContent = `Press ${press.name}: ${punch}, rms residual ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  $("press-why").textContent = (state.presses.find((one) => one.name === chosen) || {}).why || "";
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
