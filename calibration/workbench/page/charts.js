@@ -1,6 +1,7 @@
 "use strict";
 // The charts, drawn by plotly: numbers come ready from the server, nothing is computed here but places on a screen.
 
+const NARROW = matchMedia("(max-width: 760px)");
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const LIGHTER = { "#D55E00": "#ff8a3d", "#0072B2": "#3f98e0", "#56B4E9": "#b5e0fb", "#767676": "#a5a5a5" };
 
@@ -123,25 +124,25 @@ function drawStrip(curves, strip, colourBy, chosen, onPress) {
   const within = (y) => Math.max(-reach, Math.min(reach, y)) * 0.985;
   curves.models.forEach((name, k) => {
     const by = k === last && colourBy, size = by ? 5 : 4, y = curves.residual[k], out = y.map((one) => Math.abs(one) > reach);
-    traces.push({ x: place(k), y: y.map((one, row) => (out[row] ? within(one) : one)), customdata: y, mode: "markers", name: plain(name),
+    traces.push({ x: place(k), y: y.map((one, row) => (out[row] ? within(one) : one)), customdata: y, mode: "markers", name: plain(name), showlegend: false,
       text: curves.press.map((one, row) => `press ${plain(one)}<br>${plain(strip.words)} ${inUnit(strip, strip.values[row])}${by ? `<br>${plain(by.words)} ${inUnit(by, by.values[row])}` : ""}`),
       hovertemplate: "%{text}<br>%{customdata:.1f} mN<extra></extra>", opacity: by ? 0.9 : Math.max(0.28, Math.min(0.9, 60 / y.length)),
-      marker: { color: shade(curves.colours[k]), ...(by ? marker : {}), size: out.map((one) => (one ? 9 : size)), symbol: y.map((one, row) => (out[row] ? (one > 0 ? "triangle-up" : "triangle-down") : "circle")) } });
+      marker: { color: shade(curves.colours[k]), ...(by ? marker : {}), line: { width: 0 }, size: out.map((one) => (one ? 9 : size)), symbol: y.map((one, row) => (out[row] ? (one > 0 ? "triangle-up" : "triangle-down") : "circle")) } });
   });
   curves.models.forEach((name, k) => {
     const colour = shade(curves.colours[k]), shift = apart ? 0.32 * apart * (k - last / 2) / Math.max(last, 1) : 0;
-    traces.push({ x: strip.centre.map((value) => value + shift), y: strip.mean[k], mode: "markers", name: plain(name), hovertemplate: `mean %{y:.1f} mN<extra>${plain(name)}</extra>`,
+    traces.push({ x: strip.centre.map((value) => value + shift), y: strip.mean[k], mode: "markers", name: plain(name), showlegend: false, hovertemplate: `mean %{y:.1f} mN<extra>${plain(name)}</extra>`,
       error_y: { type: "data", array: strip.reach95[k], color: colour, thickness: 1.6, width: 3 },
       marker: { size: 9, color: colour, line: { width: 1, color: css("--paper") } } });
   });
   if (chosen) {
     const rows = curves.press.flatMap((one, k) => (one === chosen ? [k] : []));
-    traces.push({ x: rows.map((k) => strip.values[k]), y: rows.map((k) => within(curves.residual[last][k]) / 0.985), mode: rows.length > 1 ? "lines" : "markers", hoverinfo: "skip",
+    const shift = apart ? 0.16 * apart * Math.min(last, 1) : 0;
+    traces.push({ x: rows.map((k) => strip.values[k] + shift), showlegend: false, y: rows.map((k) => within(curves.residual[last][k]) / 0.985), mode: rows.length > 1 ? "lines" : "markers", hoverinfo: "skip",
       line: { color: css("--ink"), width: 1 }, marker: { size: 11, color: "rgba(0,0,0,0)", line: { width: 1.5, color: css("--ink") } } });
   }
   const node = draw("strip-chart", [...traces, ...names], layout(withUnit(strip.words, strip.unit), LEFT,
-    { xaxis: ticks(strip), yaxis: { range: [-reach, reach], zeroline: true }, showlegend: names.length > 0, legend: { title: { text: names.length ? withUnit(colourBy.words, "") : "" } } }));
-  for (const trace of node.data) if (trace.showlegend !== true) trace.showlegend = false;
+    { xaxis: ticks(strip), yaxis: { range: [-reach, reach], zeroline: true }, showlegend: names.length > 0, legend: { title: { text: names.length ? withUnit(colourBy.words, "") : "" }, ...(NARROW.matches ? { orientation: "h", y: -0.25 } : {}) } }));
   listen(node, "plotly_click", (event) => {
     const point = event.points.find((one) => one.text !== undefined);
     if (point) onPress(curves.press[point.pointNumber]);

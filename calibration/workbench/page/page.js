@@ -402,7 +402,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
