@@ -19,8 +19,10 @@ from calibration.inputs.observations import Measured
 from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.curve_views import curve_view
 from calibration.workbench.opened import Frames, Opened
-from calibration.workbench.views import curve_view, state_view
+from calibration.workbench.server import Server
+from calibration.workbench.views import state_view
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording
@@ -36,6 +38,8 @@ PATIENT = 10  # times that what takes no time is done
 
 def main() -> None:
     """Open the sample, add what is missing, undo, and make what the page is sent."""
+    for path in sorted(one for one in SAMPLES.iterdir() if (one / "presses.csv").is_file()):
+        timed(f"{path.name}: presses and a frame on the page, after imports", partial(first_paint, path))
     timed("plain imports, and the sample read", opened)
     sample = opened()
     models = Models(sample)
@@ -48,10 +52,25 @@ def main() -> None:
             sample, History(("sample",)), export=no_export, keep=lambda _: None, out=Path(folder), asks=False
         )
         timed("opened, with what stands out", lambda: bench.work(until_idle=True))
-        for action in ("add", "undo", "redo"):
+        timed("Add of a card to its new bar", lambda: (act(bench, "add"), state_view(bench)))
+        for action in ("undo", "redo"):
             timed(f"{action}, once it was fitted", partial(act, bench, action))
         timed("state and curves made for the page, each time", lambda: views(bench), PATIENT)
     scrubbed()
+
+
+def first_paint(path: Path) -> None:
+    """Make what the page shows first: its files, the presses, and a frame; nothing is certified yet."""
+    recording = read_recording(path)
+    measured = Measured(recording, recording.points, recording.curves)
+    frames = (Frames(recording),) if recording.frame_names else ()
+    opened = Opened((path,), (measured,), frames=frames)
+    bench = Bench(opened, History((str(path),)), export=no_export, keep=lambda _: None, out=path, asks=False)
+    with Server(bench):
+        as_json(state_view(bench))
+        for one in frames:
+            one.view(recording.presses[0].press)
+            one.picture(0)
 
 
 def scrubbed() -> None:

@@ -77,7 +77,8 @@ class LocalPage:
     The first two return an Answer, a dictionary that is sent as JSON, or None for an unknown name. An InputError
     is reported by its message, a KeyError, ValueError or TypeError as a request that is not understood.
     `protocols` are those of a websocket that `converse` speaks, `origins` the foreign pages that may open one.
-    With `framed`, other pages of this machine may show it in a frame.
+    With `framed`, other pages of this machine may show it in a frame. `token`: that of a page that was open
+    before.
     """
 
     protocols: ClassVar[tuple[str, ...]] = ()
@@ -91,12 +92,13 @@ class LocalPage:
         headers: Mapping[str, str] | None = None,
         option: str = "--port",
         framed: bool = False,
+        token: str = "",
     ) -> None:
         self.files, self.headers, self.framed = files, {**HEADERS, **(headers or {})}, framed
         if framed:
             policy = self.headers["Content-Security-Policy"].replace("frame-ancestors 'none'", FRAMED)
             self.headers["Content-Security-Policy"] = policy
-        self.token = secrets.token_urlsafe(24)
+        self.token = token or secrets.token_urlsafe(24)
         try:
             self._server = _Listener((LOCALHOST, port), self)
         except (OSError, OverflowError) as fault:

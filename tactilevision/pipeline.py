@@ -367,21 +367,32 @@ def certify_recordings(
     diagnosis looks for anyway. On a cluster each recording is a task of its own, whose reconstructor stays there.
     """
     given = [recordings] if isinstance(recordings, str | Path | Recording | CertifiedRecording) else recordings
-    done, rest = list[CertifiedRecording](), list[Recording]()
-    for one in given:
-        if isinstance(one, CertifiedRecording):
-            done.append(one)
-        else:
-            rest.append(one if isinstance(one, Recording) else read_recording(one))
-    heard, opened = listener or Collected(), sorted(rest, key=lambda one: str(one.date or ""))
+    done = [one for one in given if isinstance(one, CertifiedRecording)]
+    rest = [one for one in given if not isinstance(one, CertifiedRecording)]
+    heard = listener or Collected()
     how: dict[str, Any] = {"poisson_ratio": poisson_ratio, "scale_doubt": scale_doubt}
     if cluster is not None:
-        return [*done, *_certify_on_cluster(opened, cluster, heard, how)]
+        return [*done, *_certify_on_cluster(_oldest_first(rest), cluster, heard, how)]
+    opened = read_recordings(rest)
     for recording in opened:
         heard.warn(recording.warnings)
-        if not (recording.curves or recording.points):
-            require(recording, "frames", step="certifying depths")
     return [*done, *(_certify(one, heard, **how) for one in opened)]
+
+
+def read_recordings(given: Sequence[Source]) -> list[Recording]:
+    """Return the recordings, the oldest first. Raises RecordingError where one lacks what certification needs."""
+    opened = _oldest_first(given)
+    for recording in opened:
+        if recording.frame_names:
+            require_all(recording)
+        elif not (recording.curves or recording.points):
+            require(recording, "frames", step="certifying depths")
+    return opened
+
+
+def _oldest_first(given: Sequence[Source]) -> list[Recording]:
+    read = [one if isinstance(one, Recording) else read_recording(one) for one in given]
+    return sorted(read, key=lambda one: str(one.date or ""))
 
 
 def _certify(
@@ -390,7 +401,6 @@ def _certify(
     """Return the recording with its certificate, where it has frames; `listener` hears its warnings at once."""
     if not recording.frame_names:
         return CertifiedRecording(recording)
-    require_all(recording)
     with listener.progress_bar("calibrating the light:") as progress:
         method = "polynomial" if recording.balls else None
         reconstructor = build_reconstructor(recording, method, progress=progress)

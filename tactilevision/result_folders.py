@@ -293,11 +293,15 @@ def write_comparison(
     out: Path,
     choice: FigureChoice = USUAL,
     try_next: Sequence[tuple[str, str]] = (),
+    verdict: Sequence[str] = (),
     listener: Listener,
 ) -> None:
-    """Write comparison.json, figures, page and history. `history.applied`: and the last model's material."""
+    """Write comparison.json, figures, page and history. `history.applied`: and the last model's material.
+
+    `verdict`: that of a diagnosis and its caveats, for the page.
+    """
     with _stage(out, choice, history, found.models[-1].material) as folder:
-        _fill_comparison(found, folder, listener, try_next=try_next)
+        _fill_comparison(found, folder, listener, try_next=try_next, verdict=verdict)
 
 
 def _fill_comparison(
@@ -306,11 +310,12 @@ def _fill_comparison(
     listener: Listener,
     *,
     try_next: Sequence[tuple[str, str]] = (),
+    verdict: Sequence[str] = (),
     state: str = "",
 ) -> None:
     write_json(folder.path / "comparison.json", found.as_json())
     with listener.progress_bar("drawing") as progress:
-        page = comparison_page(found, folder, try_next=try_next, state=state, progress=progress)
+        page = comparison_page(found, folder, try_next=try_next, state=state, verdict=verdict, progress=progress)
     write_text(folder.path / "report.html", page)
 
 

@@ -212,5 +212,10 @@ def new_effect(path: Path | str, key: str) -> None:
     file = Path(path)
     if file.exists():
         raise OutputError("the file exists already", where=file, remedy="Choose another name.")
+    write_text(file, template(key))
+
+
+def template(key: str) -> str:
+    """Return the text of a template with this key."""
     name = "".join(word.capitalize() for word in key.split("_"))
-    write_text(file, TEMPLATE.read_text(encoding="utf-8").replace("KEY", key).replace("NAME", name))
+    return TEMPLATE.read_text(encoding="utf-8").replace("KEY", key).replace("NAME", name)

@@ -222,6 +222,11 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
     return tuple(found)
 
 
+def covariate(data: Observations, name: str) -> Floats:
+    """Return one recorded quantity (N,) by its name in `covariates`; zeros where it does not vary."""
+    return next((one.values for one in covariates(data) if one.name == name), np.zeros(data.size))
+
+
 def _of_sessions(day: Floats) -> Floats:
     """Return the days (M,) of several sessions; NaN for one session, whose days follow the order."""
     known = day[np.isfinite(day)]

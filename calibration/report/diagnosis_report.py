@@ -558,7 +558,7 @@ def _left(found: Diagnosis) -> str:
     parts = [f"it depends on {on}"] if on else []
     if left.rms_N > 0:
         over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
-        parts.append(f"is about {KILO * left.rms_N:.0f} mN large{over}")
+        parts.append(f"is about {KILO * left.rms_N:.0f} mN in the mean at equal depth{over}")
     if found.remainder.change_point is not None:
         parts.append(f"occurs since press {found.remainder.change_point}")
     return f" ({', '.join(parts)})" if parts else ""

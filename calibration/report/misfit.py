@@ -174,7 +174,7 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
     if not found:
         return ()
     fits, effects = [one.fitted for one in found], [one.effects for one in found[1:]]
-    fall = _fall(effects, [one.held_out_N for one in found], fits[0], True)
+    fall = _fall(effects, [one.held_out_N for one in found], fits[-1], True)  # a treatment changes what repeats
     faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
     return (replace(fall, models=(AS_READ, *fall.models), unit="mm", faces=faces),)
 

@@ -210,11 +210,18 @@ OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of t
 
 
 def comparison_page(
-    found: Comparison, folder: FigureFolder, *, try_next: Sequence[tuple[str, str]], state: str, progress: Progress
+    found: Comparison,
+    folder: FigureFolder,
+    *,
+    try_next: Sequence[tuple[str, str]],
+    state: str,
+    verdict: Sequence[str] = (),
+    progress: Progress,
 ) -> str:
     """Draw the figures and return the page.
 
-    `try_next`: purpose and command; `state`: a sentence on the steps taken back.
+    `try_next`: purpose and command; `state`: a sentence on the steps taken back; `verdict`: of a diagnosis of the
+    last model, with its caveats.
     """
     models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
     fits = {name: model.fitted for name, model in models.items()}
@@ -226,6 +233,7 @@ def comparison_page(
     forces = figures.keep_presses(curves, data.gel.thickness_mm, folder)
     return page.page(
         f"Comparison of {', '.join(found.stated.recordings)}",
+        page.block("verdict", *map(page.paragraph, verdict)) if verdict else "",
         _comparison_head(found, falls, state),
         modulus_table(materials),
         page.section("How the error falls", *figures.keep_falls(falls, folder)),

@@ -183,7 +183,7 @@ class Compared:
                 "floor": self.repeatability_N,
                 "faces_before": face_error_mm(base.fitted),
                 "faces_after": face_error_mm(self.fitted),
-                **above_repeats(base.fitted.data, base.held_out_N, self.held_out_N),
+                **above_repeats(self.fitted.data, base.held_out_N, self.held_out_N),
             },
         }
 

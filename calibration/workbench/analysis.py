@@ -58,6 +58,11 @@ class Models:
         self._opened, self._seed = opened, seed
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
+    def use(self, opened: Opened, key: str) -> None:
+        """Use these effects from now on; models with the one of this key are fitted again."""
+        self._opened = opened
+        self._known = {place: one for place, one in self._known.items() if key not in place[1]}
+
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
         """Return the base model with these effects in this order; it may not be complete.
 
@@ -185,8 +190,9 @@ class Verdict:
     `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
     `measure_next`: action, minutes, expected separation in std and the reason; `nearest`: the nearest effects of
     an UNKNOWN, joined by +, else empty; `modulus`: E of the present model with what may be unseen, where it is
-    the last one; else `next_E_MPa`: its interval over every candidate, once one of them is added and is all that
-    is missing.
+    the last one; else `next_modulus`: E once all that is named is added, and `next_E_MPa`: its interval over every
+    candidate, once one of them is added and is all that is missing; `own_effect`: text of an effect of the shape
+    that an UNKNOWN leaves.
     """
 
     word: str = ""
@@ -198,12 +204,21 @@ class Verdict:
     odd: tuple[str, ...] = ()
     nearest: str = ""
     modulus: Estimate | None = None
+    next_modulus: Estimate | None = None
     next_E_MPa: Pair | None = None
     warnings: tuple[str, ...] = ()
+    own_effect: str = ""
 
     def after(self, before: Verdict | None, added: Sequence[str]) -> Verdict:
-        """Return it with E over the candidates `before`, where one of them is `added`: they stay possible."""
-        if before is None or self.modulus is None or not set(added) & set(before.candidates):
+        """Return it with the E that was stated `before`, where all that was named is `added`.
+
+        One of several candidates that is added leaves the others possible: E's interval then covers them.
+        """
+        if before is None or self.modulus is None:
+            return self
+        if before.word == "IDENTIFIED" and set(added) == set(before.named) and before.next_modulus is not None:
+            return replace(self, modulus=before.next_modulus)
+        if len(added) > 1 or not set(added) & set(before.candidates):
             return self
         return replace(self, modulus=holding(self.modulus, before.next_E_MPa))
 
@@ -220,7 +235,7 @@ class Asking:
 
     def then(self, what: str, tried: int, of: int) -> Asking:
         """Return the progress at the next step."""
-        new = of != self.of
+        new = of != self.of or tried < self.tried
         if new and of == tried + 1:  # a step of its own
             return replace(self, what=what, tried=0, of=0)
         return Asking(what, tried, of, self.passes + new, time.monotonic() if new else self.since_s)
@@ -295,9 +310,12 @@ def diagnosed(
     `known`: effects that are in the model from the start; `own`: files of private effects; `nu`: `bulge` and
     `bound` of `diagnose`.
     """
+    from calibration.diagnosis.residual_shape import find_shape
     from calibration.effects import get_effect
+    from calibration.effects.own_shape import own_effect
     from calibration.effects.private import load_effect
-    from calibration.report.diagnosis_report import OWN_IDEA, allowed_for, reading_sentence, verdict_sentence
+    from calibration.report import wording
+    from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
     private = {effect.key: effect for effect in map(load_effect, own)}
@@ -315,17 +333,19 @@ def diagnosed(
     )
     last = found.fits.fitted is found.fits.base  # else the result is of a model with more effects than the page's
     shown = found.material.after if last else found.material.before
-    own_idea = OWN_IDEA if found.verdict == "UNKNOWN" else ""
+    shape = find_shape(found.fits.fitted) if found.verdict == "UNKNOWN" and found.remainder.left else None
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else "", own_idea))),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found) if last else ""))),
         measure_next=tuple((a.action, a.minutes, a.separation_sigma, a.why) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,
         nearest="" if found.remainder.nearest is None else found.remainder.nearest[0],
         modulus=shown.youngs_modulus if last else None,
+        next_modulus=None if last else found.material.after.youngs_modulus,
+        own_effect="" if shape is None else own_effect(shape, wording.covariate(shape.covariate)),
         next_E_MPa=None if last or len(found.effects) > 1 else found.material.after.youngs_modulus.interval95,
         warnings=tuple(dict.fromkeys(one for one in shown.warnings if one not in data.warnings)),
     )

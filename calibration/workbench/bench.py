@@ -10,25 +10,29 @@ continues to its end. `Dropping.whole` protects what must be complete.
 from __future__ import annotations
 
 import _thread
+import shlex
 import signal
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 
 from calibration.report.misfit import BASE
 from calibration.tasks.calibrate import HistoryRow, history
-from calibration.tasks.compare import suggest
+from calibration.tasks.compare import Comparison, suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench import analysis
 from calibration.workbench.analysis import Asking, Evidence, Fitted, Verdict
-from calibration.workbench.opened import Opened, what_changed
+from calibration.workbench.opened import Opened, what_changed, with_own
 from tactilevision.errors import InputError
+from tactilevision.files.opening import real_path
+from tactilevision.records.measured import Estimate
 
 # Actions on a model as a sequence of histories; undo returns to the last one.
 
@@ -110,6 +114,7 @@ def in_words(action: str, value: str) -> str:
         "add": f"adding {said}",
         "remove": f"removing {said}",
         "card": f"fitting {said}",
+        "own": "running your effect",
         "export": "writing the report",
         "sides": "fitting both states",
         "leave_out": f"fitting without {value}",
@@ -194,8 +199,13 @@ class Dropping:
 
 BACKGROUND, ACTION = "background", "action"
 LOOK_S = 2.0  # s between checks of the files
+TOLD_S = 0.3  # s between two reports of the progress of one step
 Place = tuple[tuple[str, ...], tuple[str, ...]]  # a state: presses excluded, and effects in their order
 Export = Callable[["Shown", Opened, Path], Path]
+Read = Callable[["Bench"], Opened]  # certifies presses; reports to `Bench.report` and `Bench.warned`
+
+
+Effects = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +216,8 @@ class Shown:
     `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`: None while the diagnosis runs with
     its progress in `asking`; `named`: effects that the diagnosis before named and that are not added yet;
     `troubled`: why there is no verdict; `sides`: two states to compare, by name; `weeks`: each of several
-    recordings alone; `changed`: changes of the files since.
+    recordings alone; `changed`: changes of the files since; `stated`: E with what may be unseen, by the effects
+    of a model.
     """
 
     version: int
@@ -226,11 +237,33 @@ class Shown:
     changed: str = ""
     sides: tuple[tuple[str, Fitted], ...] = ()
     weeks: tuple[HistoryRow, ...] = ()
+    stated: Mapping[Effects, Estimate] = field(default_factory=dict)
 
     @property
     def history(self) -> History:
         """Current history, its steps with their errors."""
         return self.track.now
+
+    def said(self, opened: Opened) -> tuple[list[str], list[str]]:
+        """Return the verdict and its remarks, and the caveats: of the data, of it, and of excluded presses."""
+        one, out = self.verdict, self.history.left_out
+        verdict = ["No verdict: the search for missing effects was not finished."]
+        if one is not None:
+            verdict = [f"{one.word}. {one.sentence}", *one.remarks]
+        excluded = [f"Excluded by hand: {', '.join(out)}."] if out else []
+        return verdict, [*opened.warnings, *(() if one is None else one.warnings), *excluded]
+
+    def found(self, opened: Opened) -> Comparison:
+        """Return the models as a report shows them: with E as stated on the page, and with every caveat."""
+        assert self.now is not None
+        models, caveats = [], self.said(opened)[1]
+        for model in self.now.found.models:
+            gel = model.material
+            if gel is not None:
+                E = self.stated.get(model.effects, gel.youngs_modulus)
+                gel = replace(gel, youngs_modulus=E, warnings=tuple(dict.fromkeys((*gel.warnings, *caveats))))
+            models.append(replace(model, material=gel))
+        return replace(self.now.found, models=tuple(models), suggested=self.suggested)
 
 
 @dataclass(slots=True)
@@ -243,7 +276,10 @@ class Known:
 
 
 class Bench:
-    """One analysis. `act` and `wait` may be called from any thread; `work` runs in one."""
+    """One analysis. `act` and `wait` may be called from any thread; `work` runs in one.
+
+    `opened` may lack what `read` returns, which is called first, while the page shows presses and frames.
+    """
 
     def __init__(
         self,
@@ -254,8 +290,9 @@ class Bench:
         keep: Callable[[History], None],
         out: Path,
         asks: bool = True,
+        read: Read | None = None,
     ) -> None:
-        self.opened = opened
+        self.opened, self._read, self._told_s, self._saved = opened, read, 0.0, False
         self.models = analysis.Models(opened, begin.seed)
         self._export, self._keep, self._out, self._asks = export, keep, out, asks
         self._turn = threading.Condition()
@@ -266,6 +303,15 @@ class Bench:
         self._model_since = 1
         self._dropping = Dropping()
         self._shown = Shown(1, Track(begin), busy=f"fitting the {BASE}", since_s=time.monotonic())
+
+    @property
+    def again(self) -> str:
+        """Command that goes on where this page ends."""
+        folder = str(real_path(self._out))
+        own = [("--effect", file) for file in self.opened.files.values()]
+        begin = f"tactilevision workbench --state {shlex.quote(folder)}"
+        begin = begin if self._saved else self._shown.history.command("workbench")
+        return f"{begin} {shlex.join(['--out', folder, *chain(*own)])}"
 
     @property
     def shown(self) -> Shown:
@@ -324,7 +370,7 @@ class Bench:
         one = self._next(until_idle=until_idle)
         if one is None:
             return False
-        began, limit = time.monotonic(), FIT_S if one[0] in ("card", "add") else READ_S
+        began, limit = time.monotonic(), FIT_S if one[0] in ("card", "add", "own") else READ_S
         over = threading.Timer(limit, self._dropping.drop, (ACTION,))
         over.daemon = True
         over.start()
@@ -364,7 +410,9 @@ class Bench:
         """Process one action; an error is shown on the page, and the state is kept."""
         if action == "look":  # there is more to look for
             return
-        self._show(busy=in_words(action, value), since_s=time.monotonic(), notice="")
+        certifies = action == "open" and self._read is not None
+        said = "certifying the presses" if certifies else in_words(action, value)
+        self._show(busy=said, since_s=time.monotonic(), notice="")
         try:
             if action == "card":
                 self._open_card(value)
@@ -373,13 +421,76 @@ class Bench:
             elif action == "export":
                 self._complete()
                 self._show(saved=str(self._export(self._shown, self.opened, self._out)))
+            elif action == "own":
+                self._add_own(value)
             else:
                 self._change(action, value)
         except Exception as fault:  # a private effect may raise anything; the page lives on
             self._show(notice=str(fault) or type(fault).__name__)
         self._show(busy="")
 
+    def report(self, what: str, done: int, of: int) -> None:
+        """Show the step of certifying that runs, `done` of so many; not more often than every TOLD_S."""
+        asking, now_s = self._shown.asking or Asking(), time.monotonic()
+        if what != asking.what or now_s > self._told_s + TOLD_S:
+            self._told_s = now_s
+            self._show(asking=asking.then(what, done, of))
+
+    def warned(self, lines: Sequence[str]) -> None:
+        """Show warnings as they arise."""
+        self.opened = replace(self.opened, warnings=tuple(dict.fromkeys((*self.opened.warnings, *lines))))
+        self._show()
+
+    def _certify(self) -> None:
+        """Certify the presses; where that fails, the page keeps what it shows, and says why."""
+        self._dropping.keep()  # what is half certified serves nobody
+        assert self._read is not None
+        try:
+            self.opened = self._read(self)
+        except Exception as fault:
+            self._show(troubled=str(fault) or type(fault).__name__, busy="", asking=None)
+            raise
+        self.models = analysis.Models(self.opened, self._shown.history.seed)
+        self._show(asking=None, busy=in_words("open", ""), since_s=time.monotonic())
+
+    def _add_own(self, text: str) -> None:
+        """Add the private effect of this text; where it cannot be run or fitted, everything stays."""
+        before = self.opened
+        self.opened, key = with_own(before, text, self._out)
+        try:
+            if key in (step.key for step in self._shown.history.steps):
+                said = "an effect of this key is in the model"
+                raise InputError(said, where="your effect", value=key, remedy="Remove it, or change the key.")
+            self.models.use(self.opened, key)
+            self._change("add", key)
+        except BaseException:
+            self.opened = before
+            self.models.use(before, key)
+            raise
+        for place, known in self._known.items():
+            known.evidence = ()
+            if key in place[1]:
+                known.verdict, known.suggested = None, None
+
+    def _stated(self, at: History, found: Comparison) -> dict[Effects, Estimate]:
+        """Return what the diagnoses of a state and of those before stated of E, by the effects of each model."""
+        left_out, keys = self._place(at)
+        verdicts = {keys[:count]: self._known[left_out, keys[:count]].verdict for count in range(len(keys) + 1)}
+        of_force = {key for model in found.models for key in model.effects}
+        stated = {
+            tuple(key for key in prefix if key in of_force): one.modulus
+            for prefix, one in verdicts.items()
+            if one is not None and one.modulus is not None
+        }
+        last, base = found.models[-1].effects, verdicts[()]
+        known = base is not None and base.word == "IDENTIFIED" and set(last) == set(base.named)
+        if base is not None and known and base.next_modulus is not None:
+            stated.setdefault(last, base.next_modulus)
+        return stated
+
     def _change(self, action: str, value: str) -> None:
+        if action == "open" and self._read is not None:
+            self._certify()
         track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
         now = track.now
         fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
@@ -390,7 +501,8 @@ class Bench:
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
         track = replace(track, now=replace(now, steps=steps))
         self._dropping.keep()
-        if action != "open":
+        self._saved = self._saved or action != "open" or track.now != History(track.now.recordings)
+        if self._saved:
             self._keep(track.now)
         if same:
             self._show(track=track)
@@ -410,6 +522,7 @@ class Bench:
             verdict=known.verdict,
             named=() if known.verdict else tuple(key for key in named if key not in keys),
             asking=None,
+            stated=self._stated(track.now, fitted.found),
             troubled="",
             saved="",
             sides=(),
@@ -492,11 +605,15 @@ class Bench:
         keys = [step.key for step in shown.history.steps]
 
         def hear(found: Verdict | str) -> None:
-            before = self._known[place[0], place[1][:-1]].verdict
-            verdict, why = (found.after(before, keys[-1:]), "") if isinstance(found, Verdict) else (None, found)
+            verdict, why = (found, "") if isinstance(found, Verdict) else (None, found)
+            for count in range(len(keys)) if verdict else ():
+                earlier = self._known[place[0], place[1][:count]].verdict
+                verdict = verdict.after(earlier, keys[count:]) if verdict else None
             self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
-                self._show(verdict=verdict, named=(), asking=None, troubled=why)
+                now = self._shown.now
+                stated = self._stated(self._shown.history, now.found) if now else {}
+                self._show(verdict=verdict, named=(), asking=None, troubled=why, stated=stated)
                 with self._turn:
                     self._todo.append(("look", ""))  # the effects that it named may not be fitted yet
                     self._turn.notify_all()

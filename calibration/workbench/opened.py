@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,12 @@ import cv2
 import numpy as np
 
 from calibration.effects import effects_for, get_effect
+from calibration.effects.private import load_effect
 from calibration.inputs.observations import Measured, Observations
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
+from tactilevision.files.opening import real_path
+from tactilevision.files.writing import remove, write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Evidence
 from tactilevision.recording.layout import some
@@ -25,6 +29,7 @@ from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import NU_SILICONE
 from tactilevision.records.maps import Frame, HeightMap
 from tactilevision.records.measured import Bytes, Estimate, Floats, Pair
+from tactilevision.sensors.rectification import rectify
 
 READINGS = 400  # of the force, at most, plotted of one press
 SMALL_PX = 240  # width of the pictures while the slider moves
@@ -41,10 +46,13 @@ class Seen:
 
 @dataclass(slots=True, eq=False)
 class Frames:
-    """Frames of one recording with height maps on request; `evidence` of its certificate by press."""
+    """Frames of one recording with height maps on request; `evidence` of its certificate by press.
+
+    Without a reconstructor, until the light is calibrated, there are no height maps.
+    """
 
     recording: Recording
-    reconstructor: Reconstructor
+    reconstructor: Reconstructor | None = None
     evidence: Mapping[str, Evidence] = field(default_factory=dict)
     _turn: threading.Lock = field(default_factory=threading.Lock)
 
@@ -61,15 +69,23 @@ class Frames:
         numbers = self.of_press(press)
         times = self.recording.frame_times_s[numbers]
         first = float(times[0]) if numbers else 0.0
-        found = {"frames": numbers, "times": (times - first).tolist()}
+        heights = self.reconstructor is not None
+        found = {"frames": numbers, "times": (times - first).tolist(), "heights": heights}
         evidence = self.evidence.get(press)
         return found if evidence is None or not numbers else found | _certified(evidence, times, first)
 
     def small(self, number: int) -> Bytes:
         """Return a small frame (h, w, 3), grey levels, without heights. Raises InputError as `see` does."""
-        rgb = self.reconstructor.rectified(self._read(number))
+        rgb = self.picture(number)
         size = (SMALL_PX, max(round(SMALL_PX * rgb.shape[0] / rgb.shape[1]), 1))
         return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def picture(self, number: int) -> Bytes:
+        """Return a frame (H, W, 3), rectified, grey levels. Raises InputError as `see` does."""
+        frame = self._read(number)
+        if self.reconstructor is None:
+            return rectify(self.recording.sensor, frame.rgb)
+        return self.reconstructor.rectified(frame)
 
     def _read(self, number: int) -> Frame:
         if not 0 <= number < len(self.recording.frame_names):
@@ -83,6 +99,8 @@ class Frames:
 
     @lru_cache(maxsize=KEPT)  # noqa: B019 - the frames live as long as the page
     def _seen(self, number: int) -> Seen:
+        if self.reconstructor is None:
+            raise InputError("the light is still being calibrated", where=self.recording.name)
         frame = self._read(number)
         return Seen(self.reconstructor.rectified(frame), self.reconstructor.height_map(frame))
 
@@ -96,6 +114,8 @@ def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, A
         "event_s": None if touch is None else touch.time_s - first_s,
         "force_s": (evidence.force_time_s[every] - first_s).tolist(),
         "force_N": evidence.force_N[every, 2].tolist(),
+        "depth_s": (evidence.time_s - first_s).tolist(),
+        "depth_mm": evidence.depth_mm.tolist(),
         "deepest_mm": float(depth.max()) if depth.size else None,
         **_places(evidence),
     }
@@ -115,6 +135,8 @@ def _places(evidence: Evidence) -> dict[str, list[float]]:
 
 
 Marks = Mapping[str, tuple[int, int]]
+OWN = "own_effects"  # folder of the effects that were written in the page
+KEY = re.compile(r"""^\s+key = ["'](\w{1,60})["']""", re.MULTILINE)  # of an effect, in its text
 NO_FILE = (0, 0)  # mark of a folder, and of what was not there: new folders do not count
 
 
@@ -122,14 +144,14 @@ NO_FILE = (0, 0)  # mark of a folder, and of what was not there: new folders do 
 class Opened:
     """Recordings as `compare` reads them.
 
-    `data`: all accepted presses; `bulge` and `bound`: knowledge of nu; `private`: the user's effects, with their
-    `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `listed`: the
-    effects to test besides the private ones, None: the catalogue's.
+    `observed`: all accepted presses, None until they are certified; `bulge` and `bound`: knowledge of nu;
+    `private`: the user's effects, with their `files` by key; `frames` of recordings with pictures; `marks` of the
+    files when they were read; `listed`: the effects to test besides the private ones, None: the catalogue's.
     """
 
     paths: tuple[Path, ...]
     measured: tuple[Measured, ...]
-    data: Observations
+    observed: Observations | None = None
     bulge: Estimate | None = None
     bound: Pair | None = NU_SILICONE
     private: tuple[Effect, ...] = ()
@@ -138,6 +160,13 @@ class Opened:
     warnings: tuple[str, ...] = ()
     marks: Marks = field(default_factory=dict)
     listed: tuple[Effect, ...] | None = None
+
+    @property
+    def data(self) -> Observations:
+        """All accepted presses. Raises InputError before they are certified."""
+        if self.observed is None:
+            raise InputError("the presses are not certified", where="workbench")
+        return self.observed
 
     @property
     def title(self) -> str:
@@ -159,6 +188,32 @@ class Opened:
         if any(one.key == key for one in self.private):
             return "your own"
         return "effect"
+
+
+def with_own(opened: Opened, text: str, folder: Path) -> tuple[Opened, str]:
+    """Return the recordings with the private effect of this text, which is written into `folder`, and its key.
+
+    It runs as the effect of a named file does. Raises InputError for a text without a key, and as `load_effect`;
+    the file is then as it was before.
+    """
+    found = KEY.search(text)
+    if found is None:
+        remedy = 'Write a line like key = "my_effect" in its class.'
+        raise InputError("the effect has no key", where="your effect", remedy=remedy)
+    key, file = found[1], folder / OWN / f"{found[1]}.py"
+    before = file.read_text(encoding="utf-8") if file.is_file() else None
+    write_text(file, text)
+    try:
+        effect = load_effect(file)
+    except InputError:
+        if before is None:
+            remove(file)
+        else:
+            write_text(file, before)
+        raise
+    kept = tuple(one for one in opened.private if one.key != effect.key)
+    files = {**opened.files, effect.key: str(real_path(file))}
+    return replace(opened, private=(*kept, effect), files=files), key
 
 
 def file_marks(paths: Sequence[Path]) -> Marks:

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from calibration.workbench.bench import Bench
+from calibration.workbench.curve_views import certificate_view, curve_view, tried_view
 from calibration.workbench.opened import Frames
-from calibration.workbench.views import certificate_view, curve_view, state_view, tried_view
+from calibration.workbench.views import state_view
 from tactilevision.errors import InputError, library
 from tactilevision.local_page import POLICY, Answer, LocalPage, page_files
 from tactilevision.records.measured import Bytes
@@ -68,13 +69,15 @@ ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, An
     "curves": lambda bench, _asked: curve_view(bench.shown),
     "tried": lambda bench, asked: tried_view(bench.shown, asked["name"], float(asked["value"])),
     "frames": _frames,
-    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb),
+    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).picture(int(asked["number"]))),
     "small": lambda bench, asked: _jpeg(_of_recording(bench, asked).small(int(asked["number"]))),
     "height": _height,
 }
 
 
 PLOTLY = "plotly.js"
+REPORT = "report.html"  # as it was exported
+REPORTS = {"Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:"}
 KEPT = {"Cache-Control": "private, max-age=86400"}  # for plotly, which is large
 PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'").replace(
     "img-src 'self'", "img-src 'self' data: blob:"
@@ -84,17 +87,20 @@ PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-in
 class Server(LocalPage):
     """The page while it is open."""
 
-    def __init__(self, bench: Bench, port: int = 0, *, framed: bool = False) -> None:
+    def __init__(self, bench: Bench, port: int = 0, *, framed: bool = False, token: str = "") -> None:
         self.bench = bench
         script = Answer("text/javascript; charset=utf-8", plotly(), KEPT)  # fails here where it is missing
         files = page_files(Path(__file__).parent / "page") | {PLOTLY: script}
-        super().__init__(files, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY}, framed=framed)
+        headers = {"Content-Security-Policy": PLOTLYS_POLICY}
+        super().__init__(files, port=port, headers=headers, framed=framed, token=token)
 
     def __exit__(self, *fault: object) -> None:
         self.bench.end()
         super().__exit__(*fault)
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
+        if name == REPORT and self.bench.shown.saved:
+            return Answer("text/html; charset=utf-8", Path(self.bench.shown.saved).read_bytes(), REPORTS)
         return ANSWERS[name](self.bench, asked) if name in ANSWERS else None
 
     def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:

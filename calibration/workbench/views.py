@@ -1,4 +1,4 @@
-"""Plain data of the workbench's page: the state, curves and residuals.
+"""Plain data of the workbench's page but for its charts: the state.
 
 Every number and sentence comes from the functions of the reports.
 """
@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.vision_depth_check import corrected_depth, recorded_of_depth
-from calibration.fit.least_squares import Fit
+from calibration.effects.private import template
 from calibration.fit.repeats import LEVEL
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import press_names
@@ -22,13 +21,7 @@ from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.diagnosis_report import VERDICTS
 from calibration.report.headline import UNSEEN, fall_lead, fall_note, modulus_rows, undetermined
-from calibration.report.misfit import (
-    BASE,
-    error_falls,
-    force_curves,
-    model_names,
-    residual_strips,
-)
+from calibration.report.misfit import error_falls, model_names
 from calibration.report.report import OF_MATERIAL, parameter
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
@@ -37,14 +30,10 @@ from calibration.tasks.compare import Compared, Comparison, rms_of_presses
 from calibration.workbench.analysis import OF_FORCE, Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Opened
-from tactilevision.errors import InputError
-from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
+from calibration.workbench.press_scatter import why_off
+from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.constants import KILO, TINY
-from tactilevision.records.measured import Floats
-from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips, Strip
-
-EVERY = 99  # residual strips at most: all covariates
-DIGITS = 5  # significant digits of numbers for a screen
+from tactilevision.records.misfit import ErrorFall, Strip
 
 
 def state_view(bench: Bench) -> dict[str, Any]:
@@ -63,6 +52,8 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "model": _model_number(shown),
         "modulus": [] if found is None else _modulus(found, shown),
         "unseen": UNSEEN,
+        "again": bench.again,
+        "certified": opened.observed is not None,
         "looked": shown.now is not None and shown.now.rng is not None,
         "undo": bool(shown.track.past),
         "redo": bool(shown.track.future),
@@ -111,6 +102,8 @@ def _verdict(shown: Shown) -> dict[str, Any]:
         "tried": [] if asking is None or not asking.of else [asking.tried, asking.of, asking.passes],
         "left_s": None if asking is None else asking.left_s,
         "troubled": shown.troubled,
+        "own_effect": found.own_effect,
+        "template": template("my_effect"),
         "named": [] if ambiguous else not_yet(found.named),
         "nearest": not_yet(to_try),
         "next": [
@@ -188,13 +181,13 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
 
 
 def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
-    """Return E and nu of each model in words; of the last one with what the diagnosis allows for."""
+    """Return E and nu of each model in words, with what its diagnosis allows for."""
     names, rows = model_names([model.effects for model in found.models]), []
     verdict = shown.verdict or Verdict()
     for name, model in zip(names, found.models, strict=True):
         material, last = model.material, model is found.models[-1]
-        if material is not None and last and verdict.modulus is not None:
-            material = replace(material, youngs_modulus=verdict.modulus)
+        if material is not None:
+            material = replace(material, youngs_modulus=shown.stated.get(model.effects, material.youngs_modulus))
         row = None if material is None else modulus_rows({name: material})[0]
         lacks = [in_words(key) for key in verdict.named] if last and verdict.word != "AMBIGUOUS" else []
         rows.append(
@@ -272,8 +265,12 @@ def _overlay(shown: Strip) -> dict[str, Any]:
 
 def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
     """Yield every press in the order of pressing, also excluded and rejected ones, with the reason."""
+    if opened.observed is None:
+        yield from _uncertified(opened, "not certified" if shown.troubled else "being certified")
+        return
     data, names, rms = opened.data, press_names(opened.data), _rms(shown)
     odd = () if shown.verdict is None else shown.verdict.odd
+    off = {} if shown.now is None else why_off(shown.now.found.models[-1].fitted)
     for k in np.argsort(data.presses.order, kind="stable"):
         out = names[k] in shown.history.left_out
         indenter = data.indenters[int(data.presses.indenter[k])]
@@ -285,12 +282,24 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
             "state": "excluded" if out else "fitted",
             "odd": data.presses.label[k] in odd,
             "rms": [] if out else rms.get(names[k], []),
+            "why": "" if out else off.get(names[k], ""),
         }
     for number, measured in enumerate(opened.measured):
         for point in (one for one in measured.points if not one.accepted):
             why = point.details.findings or (point.reason or "rejected").replace("_", " ")
             of = {"name": point.press, "label": point.press, "recording": number, "indenter": point.indenter}
             yield {**of, "state": f"rejected: {why}", "odd": False, "rms": []}
+
+
+def _uncertified(opened: Opened, why: str) -> Iterator[dict[str, Any]]:
+    """Yield the presses as recorded; their names are those that they have once they are certified."""
+    several = len(opened.measured) > 1
+    for number, measured in enumerate(opened.measured):
+        recording = measured.recording
+        for press in recording.presses:
+            name = f"{recording.name}/{press.press}" if several else press.press
+            of = {"name": name, "label": press.press, "recording": number, "indenter": press.indenter}
+            yield {**of, "state": why, "odd": False, "rms": []}
 
 
 def _rms(shown: Shown) -> dict[str, list[float]]:
@@ -334,157 +343,3 @@ def _sides(shown: Shown) -> dict[str, Any]:
     for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
         rows.append([title, *(_of_gel(one.material, name) for one in lasts)])
     return {"names": [name for name, _ in shown.sides], "rows": rows}
-
-
-def curve_view(shown: Shown) -> dict[str, Any]:
-    """Return measured and modelled forces press by press, and residuals over every covariate."""
-    models = _shown_models(shown)
-    if not models:
-        return {"models": [], "presses": [], "strips": [], "depth": None}
-    fits = {name: one.fitted for name, one in models.items()}
-    try:
-        curves = force_curves(fits)
-    except InputError:  # two states of different presses: the last one alone
-        last = list(models)[-1]
-        models, fits = {last: models[last]}, {last: fits[last]}
-        curves = force_curves(fits)
-    strips = residual_strips(fits, [one.covariates for one in models.values()], most=EVERY)
-    return _view(curves, strips, next(iter(fits.values()))) | {"depth": _depth_view(shown)}
-
-
-def _depth_view(shown: Shown) -> dict[str, Any] | None:
-    """Return the depth that pictures read against the certified one, before and after; None without both."""
-    pictured = () if shown.now is None else shown.now.found.pictured
-    if not pictured:
-        return None
-    base, last = pictured[0].fitted, pictured[-1].fitted
-    sets = [_depths("as read", base, base.data.normal_N)]
-    if len(pictured) > 1:
-        named = " + ".join(in_words(key) for key in pictured[-1].effects)
-        sets.append(_depths(f"corrected for {named}", last, corrected_depth(last)))
-    return {"sets": sets, "faces": base.data.slopes is not None}
-
-
-def _depths(name: str, fitted: Fit, read_mm: Floats) -> dict[str, Any]:
-    data, names = fitted.data, press_names(fitted.data)
-    return {
-        "name": name,
-        "certified": _few(data.depth_mm),
-        "read": _few(read_mm),
-        "face": [True] * data.size if data.slopes is None else np.isnan(data.slopes.slope).tolist(),
-        "press": [names[k] for k in data.press],
-        "against": [
-            {"words": words, "values": _few(np.asarray(values, float))}
-            for words, values in recorded_of_depth(data)
-        ],
-    }
-
-
-def _shown_models(shown: Shown) -> dict[str, Compared]:
-    """Return the two models to show: two states side by side, else the base model and the current one."""
-    if shown.sides:
-        return {name: fitted.found.models[-1] for name, fitted in shown.sides}
-    if shown.now is None:
-        return {}
-    models = shown.now.found.models
-    named = " + ".join(in_words(key) for key in models[-1].effects)
-    return {BASE: models[0]} | ({f"+ {named}": models[-1]} if named else {})
-
-
-def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
-    """Return the force of the current model with one parameter at another value.
-
-    Raises InputError for an unknown parameter, or a value outside its range.
-    """
-    if shown.now is None:
-        raise InputError("there is no model yet", where="workbench")
-    found = shown.now.found
-    seen = next((one.fitted for one in found.pictured[-1:] if name.partition(".")[0] in one.effects), None)
-    fitted = found.models[-1].fitted if seen is None else seen
-    place = fitted.index(name)
-    low, high = fitted.parameters[place].bounds
-    if not low <= value <= high:
-        raise InputError(
-            "the value lies outside the parameter's range", where=name, value=value, remedy=f"{low:g} to {high:g}"
-        )
-    values = fitted.values.copy()
-    values[place] = value
-    if seen is not None:
-        read = corrected_depth(replace(seen, values=values))
-        off = read - seen.data.depth_mm
-        return {"rms": KILO * float(np.sqrt(np.mean(off**2))), "unit": "µm", "depth": _few(read)}
-    force = fitted.model.predict(values, fitted.data)
-    tried = replace(fitted, values=values, force_N=force, residual_N=fitted.data.normal_N - force)
-    curves = force_curves({"tried": tried})
-    return {
-        "rms": KILO * tried.rms_error_N,
-        "unit": "mN",
-        "presses": [
-            {"modelled": _few(one.modelled_N[0]), "residual": _few(KILO * one.residual_N[0])}
-            for one in curves.presses
-        ],
-    }
-
-
-def _view(curves: ForceCurves, strips: ResidualStrips, fitted: Fit) -> dict[str, Any]:
-    names = press_names(fitted.data)
-    ordered = [names[k] for k in np.argsort(fitted.data.presses.order, kind="stable")]
-    colours = radius_colours(curves.radii_mm)
-    return {
-        "models": list(curves.models),
-        "colours": list(model_colours(len(curves.models))),
-        "whole": curves.whole,
-        "reach": KILO * strips.reach_N,
-        "presses": [
-            {
-                "name": name,
-                "indenter": one.indenter,
-                "radius": one.radius_mm,
-                "colour": colours[one.radius_mm],
-                "time": _few(one.time_s),
-                "depth": _few(one.depth_mm),
-                "measured": _few(one.measured_N),
-                "modelled": [_few(row) for row in one.modelled_N],
-                "residual": [_few(KILO * row) for row in one.residual_N],
-                "phase": list(one.phase),
-                "rms": [KILO * float(value) for value in one.rms_N],
-            }
-            for name, one in zip(ordered, curves.presses, strict=True)
-        ],
-        "strips": [_strip(one) for one in strips.strips],
-        "residual": [_few(KILO * row) for row in strips.residual_N],
-        "press": [names[k] for k in fitted.data.press],
-    }
-
-
-def _strip(one: Strip) -> dict[str, Any]:
-    return {
-        "name": one.name,
-        "words": one.words,
-        "unit": "" if one.levels else one.unit,
-        "levels": list(one.levels),
-        "values": _few(one.values),
-        "centre": _few(one.centre),
-        "mean": [_few(KILO * row) for row in one.mean_N],
-        "reach95": [_few(KILO * row) for row in one.reach95_N],
-        "evidence": [evidence(*p) for p in zip(one.p_adjusted, one.p_trend, strict=True)],
-    }
-
-
-def _few(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-    """Return the numbers of an array (n,), rounded for a screen."""
-    return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
-
-
-def certificate_view(shown: Shown, recording: int, label: str) -> dict[str, Any]:
-    """Return the certified depth of a press, and the factor of its read depths by the effects in the model."""
-    if shown.now is None:
-        return {}
-    for one in shown.now.found.pictured[-1:]:
-        presses = one.fitted.data.presses
-        mine = [k for k, name in enumerate(presses.label) if name == label and presses.recording[k] == recording]
-        rows = np.isin(one.fitted.data.press, mine)
-        if rows.any():
-            factor = float(np.median((corrected_depth(one.fitted) / one.fitted.data.normal_N)[rows]))
-            return {"certified_mm": float(one.fitted.data.depth_mm[rows].max()), "factor": factor}
-    return {}

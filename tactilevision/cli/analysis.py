@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ import typer
 
 from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.effects.private import new_effect as write_template
-from calibration.inputs.deadline import Deadline
+from calibration.inputs.deadline import Deadline, Progress
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
 from calibration.report.figures import FigureChoice
@@ -26,11 +27,19 @@ from calibration.workbench.opened import Frames, Opened, file_marks
 from calibration.workbench.server import Server, plotly
 from tactilevision import result_folders as folders
 from tactilevision.cli import console
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files.cache import remember, remembered
 from tactilevision.files.opening import real_path
-from tactilevision.pipeline import CertifiedRecording, certify_recordings, observed, sharpest_poisson_ratio
+from tactilevision.pipeline import (
+    CertifiedRecording,
+    certify_recordings,
+    observed,
+    read_recordings,
+    sharpest_poisson_ratio,
+)
 from tactilevision.records.constants import KILO, NU_SILICONE
 
+PAGE = "page"  # what is remembered of a workbench: its port and token
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 Private = Annotated[
     list[Path] | None,
@@ -199,7 +208,18 @@ def workbench(
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
     plotly()
     history = _opening(recordings or [], state, seed=seed, prior=prior)
-    opened = _opened(history, private)
+    own, files = folders.named_effects(private)
+    paths = tuple(Path(name) for name in history.recordings)
+    read = read_recordings(paths)
+    opened = Opened(
+        paths=paths,
+        measured=tuple(CertifiedRecording(one).measured for one in read),
+        bound=NU_SILICONE if history.prior else None,
+        private=tuple(own),
+        files=files,
+        frames=tuple(Frames(one) if one.frame_names else None for one in read),
+        marks=file_marks(paths),
+    )
     labelled = [step for label in history.labels for step in label.steps]
     folders.check_named(
         [*history.steps, *history.undone, *labelled],
@@ -208,13 +228,31 @@ def workbench(
         where="--state",
     )
     bench = Bench(
-        opened, history, export=_export, keep=lambda kept: folders.write_history(kept, out, out), out=out
+        opened,
+        history,
+        export=_export,
+        keep=lambda kept: folders.write_history(kept, out, out),
+        out=out,
+        read=_certified,
     )
-    with Server(bench, port, framed=framed) as server:
+    with _served(bench, out, port, framed=framed) as server:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
         if browser:
             typer.launch(server.address)
         bench.work()
+
+
+def _served(bench: Bench, out: Path, port: int, *, framed: bool) -> Server:
+    """Return the page at the port and the token that this folder's had before, so that an open page comes back."""
+    before, _, token = remembered(PAGE, real_path(out)).partition(" ")
+    try:
+        server = Server(bench, port or int(before or 0), framed=framed, token=token)
+    except InputError:
+        if port or not before:
+            raise
+        server = Server(bench, framed=framed)  # another workbench has that port
+    remember(PAGE, real_path(out), f"{server.port} {server.token}")
+    return server
 
 
 def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
@@ -230,24 +268,48 @@ def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior
     return load_history(state / folders.HISTORY if state.is_dir() else state)
 
 
-def _opened(history: History, private: Sequence[Path] | None) -> Opened:
-    """Return the recordings as `compare` uses them."""
-    paths = tuple(Path(name) for name in history.recordings)
-    marks = file_marks(paths)
-    taken = certify_recordings(paths, scale_doubt=False, listener=console)
-    own, files = folders.named_effects(private)
-    data = observed(taken)
-    return Opened(
-        paths=paths,
+@dataclass(frozen=True, slots=True)
+class _Both:
+    """A listener that shows progress and warnings on the terminal and on the page."""
+
+    bench: Bench
+
+    @contextmanager
+    def progress_bar(self, title: str) -> Iterator[Progress]:
+        """Begin a step."""
+        step = title.rstrip(":")
+        self.bench.report(step, 0, 0)
+        with console.progress_bar(title) as bar:
+
+            def advance(done: int, total: int, what: str = "") -> None:
+                bar(done, total, what)
+                self.bench.report(f"{step}: {what}" if what else step, done, total)
+
+            yield advance
+
+    def warn(self, lines: Sequence[str]) -> None:
+        """Show warnings."""
+        console.warn(lines)
+        self.bench.warned(lines)
+
+
+def _certified(bench: Bench) -> Opened:
+    """Return the recordings of an open page as `compare` uses them."""
+    opened = bench.opened
+    try:
+        recordings = [one.recording for one in opened.measured]
+        taken = certify_recordings(recordings, scale_doubt=False, listener=_Both(bench))
+        data = observed(taken)
+    except TactilevisionError as fault:
+        console.warn([f"{fault} The page shows the presses as recorded."])
+        raise
+    return replace(
+        opened,
         measured=tuple(one.measured for one in taken),
-        data=data,
+        observed=data,
         bulge=sharpest_poisson_ratio(taken),
-        bound=NU_SILICONE if history.prior else None,
-        private=tuple(own),
-        files=files,
         frames=tuple(_frames(one) for one in taken),
         warnings=tuple(dict.fromkeys((*(said for one in taken for said in _warnings(one)), *data.warnings))),
-        marks=marks,
     )
 
 
@@ -264,9 +326,10 @@ def _frames(taken: CertifiedRecording) -> Frames | None:
 
 def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     """Write the report, calibration.json, the history and the script that repeats it, all or none."""
-    assert shown.now is not None
-    found = replace(shown.now.found, suggested=shown.suggested)
+    found, (verdict, caveats) = shown.found(opened), shown.said(opened)
     history = replace(shown.history, applied=True)
     commands = folders.commands_after_comparison(found, history, opened.files)
-    folders.write_comparison(found, history, out=out, try_next=commands, listener=console)
+    folders.write_comparison(
+        found, history, out=out, try_next=commands, verdict=[*verdict, *caveats], listener=console
+    )
     return out / "report.html"

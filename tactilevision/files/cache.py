@@ -20,7 +20,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.arrays import read_archive, unpack_arrays
 from tactilevision.files.opening import MB
-from tactilevision.files.writing import pack_arrays, write_archive
+from tactilevision.files.writing import pack_arrays, replacing, write_archive
 
 MOST_MB = 500  # of all files together
 VARIABLE = "TACTILEVISION_CACHE"  # of the environment: the folder
@@ -68,6 +68,29 @@ def kept_array(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) 
     """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
     files = kept(name, key, make=lambda: {"table.npz": pack_arrays({"table": make()}, small=False)})
     return unpack_arrays(files["table.npz"], where=Path(name))["table"]
+
+
+def remembered(name: str, key: object) -> str:
+    """Return the text that `remember` kept for `key`; empty where there is none that this user alone may read."""
+    path = _private(name, key)
+    with suppress(OSError):
+        if path is not None and not path.is_symlink() and not path.stat().st_mode & 0o077:
+            return path.read_text(encoding="utf-8")
+    return ""
+
+
+def remember(name: str, key: object, text: str) -> None:
+    """Keep a short text for this user alone, where a cache is kept and the system knows such files."""
+    path = _private(name, key)
+    if path is not None and os.name == "posix":
+        with suppress(OutputError, OSError), replacing(path) as temporary:
+            temporary.chmod(0o600)
+            temporary.write_text(text, encoding="utf-8")
+
+
+def _private(name: str, key: object) -> Path | None:
+    folder = cache_folder()
+    return None if folder is None else folder / f"{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:20]}.txt"
 
 
 def _read(path: Path, whole: bytes) -> dict[str, bytes] | None:

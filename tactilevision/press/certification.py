@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -12,6 +12,7 @@ from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
+from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.press.bevel_contact import DETECTION_CHI2, BevelContact, search_bevel_contacts
 from tactilevision.press.certificate import Certificate, certified_point, evidence_of, judge_point, press_curve
 from tactilevision.press.certified_faces import find_depth_scale, scale_warning
@@ -206,24 +207,25 @@ def _warnings(measurements: RecordingMeasurements, events: Mapping[str, ContactT
 # track each press -> align the clocks -> tare -> find all contact events together -> pile-up, depth, force ->
 # check
 
-Progress = Callable[[int, int], None]
 _LONG = 250  # frames of a press beyond which their maps are not kept
 _TRIAL_FRAMES = 12  # frames of a long press in which the face is searched first
 _SILICONE = 0.48  # Poisson's ratio, for the stiffness of a wider punch
 _MARGIN_S = 0.5  # s of free gel wanted before and after the press that the table names; benchmarks.certificate
 
 
-def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Progress | None = None) -> Certificate:
+def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Progress = silent) -> Certificate:
     """Return certified depth and force of every press of a recording that has frames and forces.
 
-    `progress(done, of)` is called after each press. Frames are streamed, one press at a time in memory.
+    `progress` hears of each press, and of the steps after the last one. Frames are streamed, one press at a time
+    in memory.
     Raises RecordingError where frames, their times, forces or presses are missing, or an indenter is not
     described.
     """
     require_all(recording)
     repeats: list[float] = []
     blocks: list[float] = []
-    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), repeats, blocks)
+    tracks = _track_all(recording, reconstructor, progress, repeats, blocks)
+    progress(0, 1, "clocks and contact events")
     forces = recording.forces
     assert forces is not None
     offset = _first_offset(recording, forces, tracks)
@@ -249,6 +251,7 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
             _seen(tracks, windows, bevel_contacts, recording.sensor.gel), forces, offset_s=offset.value
         )
         notes = (*notes, *clock_jump_warnings(clock_outliers))
+    progress(0, 1, "depths, forces and checks")
     rest_s = dict(zip(tracks, rests(recording.presses), strict=True))
     return assemble_certificate(
         RecordingMeasurements(
@@ -298,7 +301,7 @@ def _track_all(
         if recording.frames_path is not None and recording.frames_path.is_file():
             frames = note_repeats(frames, repeats)
         found[press.press] = track(frames, reconstructor, press=press, indenter=indenter, near=near)
-        progress(k + 1, len(recording.presses))
+        progress(k + 1, len(recording.presses), "frames")
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,10 @@ from calibration.tasks.session import History, load_history
 from calibration.workbench import bench as bench_module
 from calibration.workbench.analysis import Asking, Models, Verdict
 from calibration.workbench.bench import Bench, Track
-from calibration.workbench.opened import file_marks
-from calibration.workbench.views import curve_view, state_view, tried_view
+from calibration.workbench.curve_views import curve_view, tried_view
+from calibration.workbench.opened import Opened, file_marks
+from calibration.workbench.press_scatter import why_off
+from calibration.workbench.views import state_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
 from tactilevision.records.measured import Estimate
@@ -270,6 +273,90 @@ def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(
         assert do(made, "add", key).notice
     assert not made.shown.history.steps
     assert not do(made, "add", "depth_zero").notice, "the page lives on"
+
+
+EFFECT = """
+from calibration.model.stages import EffectBase, Stage, amplitude
+
+
+class Own(EffectBase):
+    key = "own_zero"
+    stage = Stage.DEPTH
+    parameters = (amplitude("offset_mm", "mm", 0.2, "zero", 0.01),)
+
+    def apply(self, state, values, data):
+        return state.plus(depth_mm=values[0])
+"""
+
+
+def test_an_effect_is_written_run_and_added_on_the_page(tmp_path: Path) -> None:
+    made = bench(tmp_path)
+    for text, said in ((EFFECT.replace("key =", "k ="), "no key"), (EFFECT.replace("def", "de"), "SyntaxError")):
+        assert said in do(made, "own", text).notice
+        assert not list(tmp_path.glob("own_effects/*.py")), "a text that cannot be run is not kept"
+    assert "no luck" in do(made, "own", EFFECT.replace("return", "raise RuntimeError('no luck') #")).notice
+    assert not made.opened.private
+    shown = do(made, "own", EFFECT)
+    first, last = held_out(made)
+    assert last < 0.5 * first
+    assert shown.history.steps[0].path.endswith("own_effects/own_zero.py")
+    assert "--effect" in made.again
+    assert "in the model" in do(made, "own", EFFECT).notice
+    do(made, "undo")
+    assert len(held_out(made)) == 1
+
+
+def test_the_page_is_there_while_presses_are_certified_and_stays_where_they_cannot_be(tmp_path: Path) -> None:
+    seen: list[tuple[str, str]] = []
+
+    def read(made: Bench) -> Opened:
+        made.report("certifying presses: frames", 1, 3)
+        made.warned(["careful"])
+        view = state_view(made)
+        seen.append((view["verdict"]["asking"], view["presses"][0]["state"]))
+        assert view["warnings"] == ["careful"]
+        raise InputError("every press was rejected", where="made")
+
+    press: Any = SimpleNamespace(press="p1", indenter="A")
+    measured: Any = SimpleNamespace(recording=SimpleNamespace(name="made", presses=(press,)), points=())
+    made = Bench(Opened((), (measured,)), History(("made",)), export=lambda *_: tmp_path, keep=lambda _: None,
+                 out=tmp_path, asks=False, read=read)  # fmt: skip
+    made.work(until_idle=True)
+    view = state_view(made)
+    assert seen == [("certifying presses: frames", "being certified")]
+    assert view["presses"][0]["state"] == "not certified"
+    assert "every press was rejected" in view["verdict"]["troubled"]
+    assert not view["busy"]
+    assert curve_view(made.shown)["models"] == []
+
+
+def test_what_was_stated_of_a_model_stays_and_an_export_keeps_every_caveat(made: Bench) -> None:
+    modulus = Estimate.normal(0.2, 0.03, "MPa")
+    known = made._known[(), ()]
+    known.verdict = Verdict("IDENTIFIED", "It is missing.", named=("depth_zero",), modulus=modulus,
+                            next_modulus=Estimate.normal(0.21, 0.02, "MPa"), warnings=("shaded",))  # fmt: skip
+    shown = do(made, "add", "depth_zero")
+    assert shown.stated == {(): modulus, ("depth_zero",): known.verdict.next_modulus}
+    shown = do(made, "leave_out", "p1")
+    opened = replace(made.opened, warnings=("of the light",))
+    assert shown.said(opened)[1] == ["of the light", "Excluded by hand: p1."]
+    gel = shown.found(opened).models[-1].material
+    assert gel is not None
+    assert {"of the light", "Excluded by hand: p1."} <= set(gel.warnings)
+    known.verdict = None
+
+
+def test_a_press_that_stays_off_says_why(made: Bench) -> None:
+    shown = do(made, "add", "depth_zero")
+    assert shown.now is not None
+    fitted = shown.now.found.models[-1].fitted
+    rows, left = fitted.data.spans[2], 0.0 * fitted.residual_N
+    for change, said in ((-0.03 * fitted.force_N, "3.0 % low as a whole: beyond the scatter of gains"),
+                         (0.02 * fitted.about.slope_N_per_mm, "its zero is off by 20 µm")):  # fmt: skip
+        left[rows] = change[rows]
+        off = why_off(replace(fitted, residual_N=left))
+        assert list(off) == ["p2"]
+        assert off["p2"].startswith(said)
 
 
 def test_a_file_that_changes_or_goes_is_said_and_nothing_is_lost(made: Bench, tmp_path: Path) -> None:

@@ -175,3 +175,53 @@ def test_after_a_change_a_phone_shows_how_the_error_falls(workbench: tuple[str, 
     page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length === {before}")
     assert watched.faults == []
     page.close()
+
+
+OWN = """
+from calibration.model.stages import EffectBase, Stage, amplitude
+
+
+class Own(EffectBase):
+    key = "own_gain"
+    stage = Stage.INSTRUMENT
+    parameters = (amplitude("late", "1", 0.2, "change from first press to last", 0.01),)
+
+    def apply(self, state, values, data):
+        return state.times(force_N=1 + values[0] * (data.presses.order / data.presses.order.max())[data.press])
+"""
+
+
+def test_keys_and_an_effect_of_ones_own(workbench: tuple[str, Path], browser: Any) -> None:
+    watched = Watched(browser, workbench[0])
+    page = watched.page
+    page.wait_for_selector("[data-own=card]")
+    page.keyboard.press("?")
+    assert page.locator("#keys").is_visible()
+    page.keyboard.press("Escape")
+    before = len(watched.bars())
+    page.click("[data-own=card]")
+    assert "class MyEffect" in page.input_value("#own-text")
+    page.fill("#own-text", OWN.replace("def", "de"))
+    page.click("#own-run")
+    page.wait_for_selector("#own-fault:has-text('SyntaxError')")
+    page.fill("#own-text", OWN)
+    page.click("#own-run")
+    page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length === {before + 1}")
+    page.wait_for_selector("#own", state="hidden")
+    page.keyboard.press("Control+z")
+    page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length === {before}")
+    page.keyboard.press("Tab")
+    assert watched.faults == []
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_lack_of_contrast_and_no_missing_label(
+    workbench: tuple[str, Path], browser: Any, scheme: str
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+    watched = Watched(browser, workbench[0], "laptop", scheme)
+    watched.page.wait_for_selector("#strip-chart .plot")
+    found = axe.Axe().run(watched.page).response["violations"]
+    assert [(one["id"], [node["target"] for node in one["nodes"]]) for one in found] == []
+    watched.page.close()

@@ -9,7 +9,8 @@ import pytest
 from made_bench import do, of_data
 from test_sight import points
 
-from calibration.workbench.views import certificate_view, curve_view, state_view, tried_view
+from calibration.workbench.curve_views import certificate_view, curve_view, tried_view
+from calibration.workbench.views import state_view
 
 GAIN = "photometric_gain"
 

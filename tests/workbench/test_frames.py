@@ -53,12 +53,13 @@ def test_the_certificates_event_face_and_bevel_are_told_in_shares_of_the_picture
     assert found["face"] == pytest.approx([0.625, 0.5, 0.25, 0.5])
     assert found["bevel"] == pytest.approx([0.875, 0.25, 0.05, 0.5])
     assert found["deepest_mm"] == 0.5
+    assert (found["depth_s"][0], found["depth_mm"][-1]) == (0.0, 0.5)
     assert len(found["force_s"]) == len(found["force_N"]) <= 400
 
 
 def test_without_a_sure_touch_there_is_no_event_and_without_evidence_only_frames() -> None:
     assert frames(None).view("p1")["event"] is None
-    assert frames(None).view("p2") == {"frames": [], "times": []}
+    assert frames(None).view("p2") == {"frames": [], "times": [], "heights": True}
 
 
 def test_ten_thousand_frames_are_told_at_once_and_read_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:

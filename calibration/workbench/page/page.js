@@ -2,7 +2,7 @@
 // The page: shows what the server says stands, and hands over what a person does. It holds no physics and no statistics.
 
 const $ = (id) => document.getElementById(id);
-let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
+let state = null, curves = null, model = null, chosen = null, picked = false, certified = null, tried = null, seenSince = 0, sliding = null, watching = false;
 const FIRST = 4, LITTLE = 0.01;  // cards that are shown at once; share of the error that is worth a card
 const drawn = {};
 const open = new Set();
@@ -38,18 +38,29 @@ async function ask(path) {
 }
 
 async function act(action, value = "") {
-  say("");
+  if (!lost) say("");
   try {
     const answer = await fetch("act", { method: "POST", headers: { "Content-Type": "application/json" },
       body: JSON.stringify({ action, value, version: state.version }) });
     if (!answer.ok) say((await answer.json()).error);
-  } catch { say("The workbench does not answer: was it ended? What was kept is in its folder."); }
+  } catch { showLost(); }
+}
+
+const LOST = "The workbench has ended. ";
+let lost = false;
+
+/** The server has ended: the command that goes on, at the same address, so that this page comes back. */
+function showLost() {
+  lost = true;
+  $("busy").className = ""; $("busy").textContent = "";
+  $("notice").replaceChildren(LOST, ...(state ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["Open the address that the terminal printed."]));
 }
 
 async function follow() {
   for (;;) {
     try {
-      const news = await ask(`state?since=${state ? state.version : 0}`);
+      const news = await ask(`state?since=${state && !lost ? state.version : 0}`);
+      if (lost) { lost = false; model = null; say(""); }
       state = news;
       seenSince = performance.now() - 1000 * news.busy_s;
       show();
@@ -60,7 +71,7 @@ async function follow() {
         showCurves();
       }
     } catch (fault) {
-      $("busy").textContent = "The workbench does not answer: was it ended? Its state is kept in its folder.";
+      if (fault instanceof TypeError) showLost(); else say(fault.message);
       await new Promise((done) => setTimeout(done, 2000));
     }
   }
@@ -71,17 +82,24 @@ function show() {
   $("title").textContent = state.title;
   $("undo").disabled = !state.undo; $("redo").disabled = !state.redo;
   $("label").disabled = $("export").disabled = !state.components.length;
+  document.body.classList.toggle("early", !state.certified);
   if (state.notice) say(state.notice);
-  if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh in the same folder.`));
+  part("saved", state.saved, showSaved);
+  ranOwn();
   part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text : capital(text)}.`.replace(/\.\.$/, ".")))));
   tick();
   const { asking, tried: effects, left_s: left, ...verdict } = state.verdict;
-  part("verdict", [{ ...verdict, asking: Boolean(asking) }], showVerdict);
+  part("verdict", [{ ...verdict, asking: Boolean(asking) }, state.certified], showVerdict);
   part("search", [asking, effects, left], showSearch);
   part("modulus", [state.modulus, state.unseen], showModulus);
   part("falls", state.falls, showFalls);
   part("components", [state.components, state.stiffness], showComponents);
   part("cards", [state.cards, state.earlier], showCards);
+  if (!chosen && state.presses.length) chosen = state.presses[0].name;
+  if (certified !== state.certified) {  // frames at once, what is known of them later
+    certified = state.certified; scrub.press = "";
+    showFrames(state.presses.find((one) => one.name === chosen));
+  }
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
@@ -95,6 +113,42 @@ function tick() {
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
+/** What was exported, which opens in a tab of its own where the browser lets it. */
+function showSaved(saved) {
+  if (!saved) return;
+  $("notice").replaceChildren(h("a", { href: "report.html", target: "_blank" }, "Open the report"), `, written as ${saved}, with calibration.json and repeat.sh in the same folder.`);
+  if (exporting) open_("report.html");
+  exporting = false;
+}
+
+let exporting = false, running = null;
+const open_ = (address) => globalThis.open(address, "_blank");
+
+/** The editor of an effect of one's own; a draft stays until it is begun anew. */
+function editOwn(anew) {
+  const text = state.verdict.own_effect || state.verdict.template;
+  if (anew || !$("own-text").value) $("own-text").value = text;
+  $("own-fault").textContent = "";
+  if (!$("own").open) $("own").showModal();
+}
+
+function runOwn() {
+  running = { model: state.model, version: state.version, notice: state.notice };
+  $("own-run").disabled = true; $("own-fault").textContent = "It is being run and fitted.";
+  act("own", $("own-text").value);
+}
+
+/** Whether the effect that runs was added, or why not. */
+function ranOwn() {
+  if (!running) return;
+  if (state.busy.startsWith("running")) running.seen = true;
+  const added = state.model !== running.model, failed = !state.busy.startsWith("running") && state.notice && (running.seen || state.notice !== running.notice);
+  if (!added && !failed) return;
+  running = null; $("own-run").disabled = false;
+  $("own-fault").textContent = added ? "" : state.notice;
+  if (added) { $("own").close(); toTop(); }
+}
+
 function capital(text) { return text[0].toUpperCase() + text.slice(1); }
 
 function showVerdict([verdict]) {
@@ -103,11 +157,13 @@ function showVerdict([verdict]) {
   $("verdict").className = verdict.word ? (verdict.word === "ADEQUATE" ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
-      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
+      : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : !state.certified ? "The presses are being certified; their frames can be seen below." : verdict.asking ? "Searching for missing effects. The verdict follows." : "No verdict yet."),
     h("p", { class: "soft" }, verdict.word || !named.length ? effects : "Named by the diagnosis before, and not added yet:"),
     named.length ? h("p", {}, named.length > 1 ? add(named.map((one) => one.key), named.length > 2 ? "Add all" : "Add both") : "", named.map((one) => add([one.key], `Add ${one.title}`)),
       verdict.word ? " and watch the error fall." : "") : "",
     verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => add([one.key], `Try ${one.title}`)), " and see whether the error falls.") : "",
+    verdict.word === "UNKNOWN" ? h("p", {}, h("button", { class: verdict.nearest.length ? "" : "main", "data-own": "", onclick: () => editOwn(false) }, "Write an effect of your own"),
+      verdict.own_effect ? " that begins with the shape of the residual." : "") : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.warnings.length ? h("ul", { class: "bad" }, verdict.warnings.map((text) => h("li", {}, text))) : "",
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
@@ -123,7 +179,7 @@ function showSearch([asking, tried, left]) {
   const [at, of, pass] = tried.length ? tried : [0, 0, 0], bar = $("search").firstChild;
   bar.firstChild.style.width = of ? `${100 * at / of}%` : "0";
   bar.setAttribute("aria-valuemin", 0); bar.setAttribute("aria-valuemax", of || 1); bar.setAttribute("aria-valuenow", at);
-  $("search").lastChild.textContent = `Search${pass ? ` ${pass}` : ""}: ${asking}${of ? `, effect ${at + 1} of ${of}` : ""}${left ? `, about ${left < 10 ? Math.ceil(left) : 5 * Math.ceil(left / 5)} s left of it` : ""}`;
+  $("search").lastChild.textContent = `${state.certified ? `Search${pass ? ` ${pass}` : ""}: ${asking}` : capital(asking)}${of ? `, ${state.certified ? "effect " : ""}${Math.min(at + 1, of)} of ${of}` : ""}${left ? `, about ${left < 10 ? Math.ceil(left) : 5 * Math.ceil(left / 5)} s left of it` : ""}`;
 }
 
 /** E and nu of each model, with the interval from the data and with what may be unseen. */
@@ -233,6 +289,7 @@ function showCards([cards, earlier]) {
     folded("open", "Significant, not fitted", open_),
     folded("little", "Fitted, and remove next to nothing", little),
     folded("far", "May be chance", far),
+    h("p", {}, h("button", { class: "link", "data-own": "card", onclick: () => editOwn(false) }, "An effect of your own…")),
     cannot.length ? h("details", { open: open.has("cannot"), ontoggle: (e) => keepOpen("cannot", e.target.open) }, h("summary", {}, `Not testable with these data (${cannot.length})`),
       cannot.map((one) => h("div", { class: "box" }, h("h3", {}, one.title), h("p", { class: "soft" }, one.why)))) : "");
   for (const node of $("cards").querySelectorAll("[data-overlay]")) drawOverlay(node, cards.find((one) => one.key === node.dataset.overlay).overlay);
@@ -264,12 +321,12 @@ function cardOf(card) {
 function showPresses([presses]) {
   const top = $("presses").scrollTop;
   fill("presses", presses.map((one) => {
-    const fitted = one.state === "fitted", rejected = one.state.startsWith("rejected");
+    const fitted = one.state === "fitted";
     const words = fitted ? one.rms.map((v) => v.toFixed(1)).filter((v, k, all) => k === 0 || v !== all[0]).join(" → ") + " mN" : one.state;
-    return h("div", { class: fitted ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
+    return h("div", { class: fitted || !state.certified ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
       h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " outlier") : "",
-        h("small", {}, one.indenter), h("small", {}, words)),
-      rejected ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
+        h("small", {}, one.indenter), h("small", {}, words), one.why && one.rms.length > 1 && one.rms[0] !== one.rms[1] ? h("small", {}, one.why) : ""),
+      !fitted && one.state !== "excluded" ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
         "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
   $("presses").scrollTop = top;
@@ -303,9 +360,9 @@ function showWeeks(weeks) {
 }
 
 function choose(name) {
-  chosen = name;
+  chosen = name; picked = true;
   part("presses", [state.presses, chosen], showPresses);
-  drawChosen(); drawResiduals(); drawDepths();
+  if (curves && curves.models.length) { drawChosen(); drawResiduals(); drawDepths(); }
   showFrames(state.presses.find((one) => one.name === name));
 }
 
@@ -330,12 +387,13 @@ function drawChosen() {
   const place = curves.presses.findIndex((one) => one.name === chosen);
   if (place < 0) {
     $("press-title").textContent = `Press ${chosen}: not fitted`;
-    Plotly.purge("press-chart"); Plotly.purge("residual-chart");
+    Plotly.purge("press-chart");
     return;
   }
   const press = curves.presses[place];
   const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
   $("press-title").textContent = `Press ${press.name}: ${punch}, rms residual ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  $("press-why").textContent = (state.presses.find((one) => one.name === chosen) || {}).why || "";
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
@@ -344,7 +402,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
@@ -363,8 +421,8 @@ function showCurves() {
     fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: right${square} `, h("span", {}, ""));
   }
   options("covariate", ""); options("colour", h("option", { value: "" }, "model"));
-  if (!curves.presses.some((one) => one.name === chosen)) {
-    chosen = worst();
+  if (!picked || !state.presses.some((one) => one.name === chosen)) {
+    chosen = worst(); picked = true;
     part("presses", [state.presses, chosen], showPresses);
     showFrames(state.presses.find((one) => one.name === chosen));
   }
@@ -380,7 +438,11 @@ function redraw() {
 $("stop").addEventListener("click", () => act("stop"));
 $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
-$("export").addEventListener("click", () => { drawn.saved = ""; act("export"); });
+$("export").addEventListener("click", () => { drawn.saved = ""; exporting = true; act("export"); });
+$("own-leave").addEventListener("click", () => $("own").close());
+$("own-again").addEventListener("click", () => editOwn(true));
+$("own-run").addEventListener("click", runOwn);
+$("help").addEventListener("click", () => $("keys").showModal());
 $("label").addEventListener("click", () => { $("name").value = ""; $("naming").returnValue = ""; $("naming").showModal(); });
 $("leave").addEventListener("click", () => $("naming").close("cancel"));
 $("naming").addEventListener("close", () => { if ($("naming").returnValue === "keep") act("label", $("name").value); });
@@ -389,7 +451,13 @@ $("depth-against").addEventListener("change", drawDepths);
 for (const id of ["covariate", "colour"]) $(id).addEventListener("change", drawResiduals);
 DARK.addEventListener("change", redraw);
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT|TEXTAREA/.test(event.target.tagName) || $("naming").open) return;
+  if (!state || event.altKey || /^(SELECT|TEXTAREA)$/.test(event.target.tagName) || (event.target.tagName === "INPUT" && event.target.type !== "range") || document.querySelector("dialog[open]")) return;
+  if (event.ctrlKey || event.metaKey) {
+    const way = { z: event.shiftKey ? "redo" : "undo", y: "redo" }[event.key.toLowerCase()];
+    if (way && state[way]) { event.preventDefault(); act(way); }
+    return;
+  }
+  if (event.key === "?") $("keys").showModal();
   if (event.key === "u" && state.undo) act("undo");
   if (event.key === "r" && state.redo) act("redo");
   if ((event.key === "j" || event.key === "k") && curves) {
@@ -397,5 +465,6 @@ document.addEventListener("keydown", (event) => {
     if (names[at]) choose(names[at]);
   }
 });
+for (const id of ["press-chart", "strip-chart", "depth-chart"]) $(id).after(saveButton(id, $(id).getAttribute("aria-label")));
 setInterval(tick, 1000);
 follow();
