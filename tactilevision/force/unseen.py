@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy import fft
 from scipy.signal import fftconvolve
 
-from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.compliance import Compliance
 from tactilevision.force.kernel import layer_cells
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.force.noise import likeness
@@ -31,6 +31,7 @@ from tactilevision.records.measured import Floats
 
 Waves = npt.NDArray[np.complexfloating]
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
+STATIONS = 4  # along either side of the view, where a curved gel's stiffness is compared with a layer's
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
 FAINT = 0.05  # of the deepest: shallower cells are not in a template
@@ -48,7 +49,7 @@ class Template:
 class Unseen:
     """Limits of hidden forces on a gel."""
 
-    compliance: GelCompliance
+    compliance: Compliance
 
     def limit(self, seen: Observation, *, relative_std: float = 0.0) -> float:
         """Return the upper 95 % limit of a hidden normal force in units of E (MPa); NaN where too little is known.
@@ -81,7 +82,7 @@ class Unseen:
         variance = (spread / gain) ** 2 / np.float32(typical)
         upper_mm = depth_mm + Z90 * np.sqrt(variance[:, None, None] / share + (relative_std * depth_mm) ** 2)
         forces = np.array([one.force for one in self.templates], dtype=np.float32)
-        return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
+        return self._stiffer * float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
 
     @cached_property
     def templates(self) -> tuple[Template, ...]:
@@ -90,6 +91,31 @@ class Unseen:
         return _templates(
             max(thickness, cell_mm), cell_mm, thickness_mm=thickness, poisson_ratio=self.compliance.poisson_ratio
         )
+
+    @cached_property
+    def _stiffer(self) -> float:
+        """Return the greatest stiffness of a curved gel under a punch over that of the flat layer, 1 at least.
+
+        The punches stand on STATIONS by STATIONS places of the view.
+        """
+        own = self.compliance
+        if own.surface is None:
+            return 1.0
+        grid, thickness, most = own.grid, own.gel.thickness_mm, 1.0
+        flat = layer_cells(grid, thickness_mm=thickness, poisson_ratio=own.poisson_ratio)
+        x, y, _ = own.surface.places_mm.T
+        for along, down in np.ndindex(STATIONS, STATIONS):
+            middle = (
+                grid.x_mm[(2 * along + 1) * len(grid.x_mm) // (2 * STATIONS)],
+                grid.y_mm[(2 * down + 1) * len(grid.y_mm) // (2 * STATIONS)],
+            )
+            cells = np.flatnonzero((np.hypot(x - middle[0], y - middle[1]) <= thickness) & own.inside.ravel())
+            if len(cells) > 1:
+                here, there = (
+                    np.linalg.solve(one.block(cells, 1), np.ones(len(cells))).sum() for one in (own, flat)
+                )
+                most = max(most, float(here / there))
+        return most
 
     @cached_property
     def _shape(self) -> tuple[int, int]:
