@@ -1,6 +1,6 @@
-"""Force on a dome and on a wedge against NGSolve: its own mesh, elements of third order, refined about the contact.
+"""Force on a dome and a wedge against NGSolve: its own mesh, elements of third order, fine about the contact.
 
-python -m benchmarks.force_curved [cases]. Also a flat mesh against the flat path, set-up, cache, memory, and frames.
+python -m benchmarks.force_curved [cases]. Also a flat mesh against the flat path, set-up, memory, and frames.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
-from benchmarks.force_cases import KINDS, Forward, View, at_camera, draw_case, noise, seen
+from benchmarks.force_cases import KINDS, Forward, View, draw_case, noise, seen
 from tactilevision.force.compliance import compliance_for
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance, compliance_of
@@ -27,18 +28,19 @@ from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
 
-VIEW, MATERIAL = View((150, 150), 0.117, 1), Material(0.2, 0.48)
+VIEW, PAD, MATERIAL = View((150, 150), 0.117, 1), 12, Material(0.2, 0.48)  # PAD px: what moves into the view
+WIDE = View((174, 174), 0.117, 1)
 SCALE = (VIEW.mm_per_px, VIEW.mm_per_px)
 LINEAR = ForceSettings(large_depth=False)
-DOME = Gel(3.0, shape="dome", curvature_mm=(15.0, 15.0), radius_mm=11.4)
+ROUND, RIM = 12.0, 0.85  # mm of the dome's sphere; sine of its steepest place
+DOME = Gel(3.0, shape="dome", curvature_mm=(ROUND, ROUND), radius_mm=ROUND * RIM)
 WEDGE = Gel(3.5, shape="wedge", thickness_ends_mm=(2.0, 5.0), size_mm=(24.0, 22.0))
-RIM = 0.76  # sine of the dome's steepest place: radius over curvature
 STEEPEST_DEG = 35.0
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A sheared patch: its middle (3,), axes (3, 3) with the normal last, radius, force (3,) along them, its kind."""
+    """A sheared patch: middle (3,), axes (3, 3) with the normal last, radius, force (3,) along them, its kind."""
 
     place: Floats
     axes: Floats
@@ -57,11 +59,11 @@ def draw(gel: Gel, rng: np.random.Generator) -> Contact:
     if gel.shape == "dome":
         polar, turn = np.radians(rng.uniform(0, STEEPEST_DEG)), rng.uniform(0, 2 * np.pi)
         out = np.array([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), -np.cos(polar)])
-        normal, place = -out, np.array([0.0, 0.0, 15.0]) + 15.0 * out
+        normal, place = -out, np.array([0.0, 0.0, ROUND]) + ROUND * out
     along = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
     along /= np.linalg.norm(along)
-    radius, turn, share = rng.uniform(1.2, 2.4), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.5)
-    size = rng.uniform(0.1, 0.25) * radius**2
+    radius, turn, share = rng.uniform(1.2, 2.0), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.5)
+    size = rng.uniform(0.06, 0.18) * radius**2
     force = size * np.array([share * np.cos(turn), share * np.sin(turn), 1.0])
     return Contact(place, np.stack([along, np.cross(normal, along), normal]), radius, force, bool(rng.integers(2)))
 
@@ -71,7 +73,11 @@ def untouched(gel: Gel, x: Floats, y: Floats) -> Floats:
     if gel.shape != "dome":
         return np.zeros_like(x)
     square = x**2 + y**2
-    return np.where(square < (15 * RIM - 0.02) ** 2, 15 - np.sqrt(np.maximum(225 - square, 0)), np.nan)
+    return np.where(square < (ROUND * RIM - 0.02) ** 2, _sphere(square), np.nan)
+
+
+def _sphere(square: Floats) -> Floats:
+    return np.asarray(ROUND - np.sqrt(np.maximum(ROUND**2 - square, 1.0)))
 
 
 def shape_at(one: Contact, places: Sequence[Any], root: Any, larger: Any) -> Any:
@@ -133,12 +139,17 @@ def _geometry(gel: Gel, one: Contact) -> Any:
         steep = np.arcsin(RIM)
 
         def at(radius: float, angle: float) -> Any:
-            return Pnt(radius * np.sin(angle), 0, 15 - radius * np.cos(angle))
+            return Pnt(radius * np.sin(angle), 0, ROUND - radius * np.cos(angle))
 
-        outline = [ArcOfCircle(at(15, 0), at(15, steep / 2), at(15, steep)), Segment(at(15, steep), at(12, steep)),
-                   ArcOfCircle(at(12, steep), at(12, steep / 2), at(12, 0)), Segment(at(12, 0), at(15, 0))]  # fmt: skip
+        top, base = ROUND, ROUND - 3
+        outline = [
+            ArcOfCircle(at(top, 0), at(top, steep / 2), at(top, steep)),
+            Segment(at(top, steep), at(base, steep)),
+            ArcOfCircle(at(base, steep), at(base, steep / 2), at(base, 0)),
+            Segment(at(base, 0), at(top, 0)),
+        ]
         whole = Face(Wire(outline)).Revolve(Axis((0, 0, 0), Z), 360)
-        areas = {2 * np.pi * r**2 * (1 - np.cos(steep)): name for r, name in ((15, "top"), (12, "base"))}
+        areas = {2 * np.pi * r**2 * (1 - np.cos(steep)): name for r, name in ((ROUND, "top"), (ROUND - 3, "base"))}
     else:
         corners = [Pnt(*p) for p in ((-12, -11, 0), (12, -11, 0), (12, -11, 5), (-12, -11, 2))]
         edges = [Segment(a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
@@ -152,46 +163,54 @@ def _geometry(gel: Gel, one: Contact) -> Any:
     return OCCGeometry(Glue([near, whole - ball]))
 
 
-def measured(
-    gel: Gel, u: Floats, z: Floats, *, std_mm: float, rng: np.random.Generator
-) -> tuple[HeightMap, ShearMap]:
-    """What is measured: the surface's motion along the camera's ray, and the marks' motion, with noise."""
-    off, known = noise(VIEW, std_mm=std_mm, rng=rng), np.isfinite(z)
-    x, y = VIEW.mesh()
-    whole = 15 - np.sqrt(225 - x**2 - y**2) if gel.shape == "dome" else z
+def measured(gel: Gel, u: Floats, *, std_mm: float, rng: np.random.Generator) -> tuple[HeightMap, ShearMap]:
+    """What is measured of a displacement (3, H, W) over WIDE: the surface's motion along the camera's ray, and the
+    marks' motion, with noise.
+    """
+    x, y = WIDE.mesh()
+    z = untouched(gel, x, y)
+    known, whole = np.isfinite(z), _sphere(x**2 + y**2) if gel.shape == "dome" else z
     u = np.nan_to_num(u)
-    depth = at_camera(np.stack([u[0], u[1], whole + u[2]]), VIEW) - whole + off[2]
-    height = HeightMap(np.where(known, depth, 0.0), known, SCALE, std_mm=np.full(z.shape, std_mm))
-    shear = u[:2] + off[:2]
-    return height, ShearMap(shear[0], shear[1], known, SCALE, std_mm=std_mm)
+    rows, columns = np.indices(z.shape).astype(float)
+    from_y, from_x = rows, columns
+    for _ in range(12):
+        go = [map_coordinates(one, (from_y, from_x), order=1, mode="nearest") / SCALE[0] for one in u[:2]]
+        from_x, from_y = columns - go[0], rows - go[1]
+    inner, off = (..., slice(PAD, -PAD), slice(PAD, -PAD)), noise(VIEW, std_mm=std_mm, rng=rng)
+    depth = (map_coordinates(whole + u[2], (from_y, from_x), order=3, mode="nearest") - whole)[inner] + off[2]
+    height = HeightMap(np.where(known[inner], depth, 0.0), known[inner], SCALE, std_mm=np.full(VIEW.shape, std_mm))
+    shear = u[:2][inner] + off[:2]
+    return height, ShearMap(shear[0], shear[1], known[inner], SCALE, std_mm=std_mm)
 
 
 def against_ngsolve(gel: Gel, cases: int, *, seed: int) -> Floats:
     """Rows (cases, 4): error of the resultant over its size and L2 of the normal traction, at 0 and 5 um."""
     rng, rows = np.random.default_rng(seed), []
-    x, y = VIEW.mesh()
-    z, field = untouched(gel, x, y), ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+    x, y = WIDE.mesh()
+    field = ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
     for _ in range(cases):
         one = draw(gel, rng)
         u, unit = solved(gel, one, x, y)
-        truth = _normal(field, one, x, y, z, unit)
+        truth = _normal(gel, field, one, unit)
         row: list[float] = []
         for std_mm in (0.0, 0.005):
-            found = field(*measured(gel, u, z, std_mm=std_mm, rng=rng))
+            found = field(*measured(gel, u, std_mm=std_mm, rng=rng))
             off = np.linalg.norm(np.asarray(found.resultant_N) - one.resultant) / np.linalg.norm(one.resultant)
             row += [off, float(np.linalg.norm(found.pressure - truth) / np.linalg.norm(truth))]
         rows.append(row)
-        print("   ", np.round(one.place, 1), f"a {one.radius:.1f}", "punch" if one.punch else "ball",
-              "off %.2f %% L2 %.3f, noise %.2f %% %.3f" % (100 * row[0], row[1], 100 * row[2], row[3]), flush=True)  # fmt: skip
+        kind = f"{'punch' if one.punch else 'ball'} of {one.radius:.1f} mm at {np.round(one.place, 1)}"
+        deep = float(np.nanmax(np.linalg.norm(u, axis=0)))
+        print(f"    {kind}, moved {deep:.2f} mm: off {100 * row[0]:.2f}, {100 * row[2]:.2f} %, ", end="")
+        print(f"L2 {row[1]:.3f}, {row[3]:.3f}", flush=True)
     return np.array(rows)
 
 
-def _normal(field: ForceField, one: Contact, x: Floats, y: Floats, z: Floats, unit: float) -> Floats:
+def _normal(gel: Gel, field: ForceField, one: Contact, unit: float) -> Floats:
     """Return the planted normal traction, a mean over each cell."""
     assert isinstance(field.compliance, MeshCompliance)
-    form = shape_at(
-        one, (x, y, np.nan_to_num(z)), np.sqrt, lambda a, b: np.where(a > 0, a if np.isscalar(b) else b, 0)
-    )
+    x, y = VIEW.mesh()
+    places = x, y, np.nan_to_num(untouched(gel, x, y))
+    form = shape_at(one, places, np.sqrt, lambda a, b: np.where(a > 0, a if np.isscalar(b) else b, 0))
     means = cell_means(field.compliance.grid, form * unit, valid=None)[0]
     along = np.einsum("i,inm->nm", one.resultant, field.compliance.surface.frames[:, 2].T.reshape(3, *means.shape))
     return np.asarray(means * along)
@@ -227,15 +246,13 @@ def speed() -> None:
             print(f"{name}: {time.process_time() - began:.2f} s of one core, {time.perf_counter() - clock:.2f} s")
     os.environ.pop("TACTILEVISION_CACHE") if kept is None else os.environ.update(TACTILEVISION_CACHE=kept)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(
-        f"{nodes} surface nodes, {3 * (~mesh.bonded).sum()} unknowns, {made.inside.size} cells, {peak:.2f} GB at most"
-    )
+    unknowns = 3 * np.count_nonzero(~mesh.bonded)
+    print(f"{nodes} surface nodes, {unknowns} unknowns, {made.inside.size} cells, {peak:.2f} GB at most")
     field, spent = ForceField(DOME, MATERIAL, SCALE, compliance=made), []
-    x, y = VIEW.mesh()
-    z = untouched(DOME, x, y)
+    x, y = WIDE.mesh()
     for depth, bend in ((0.2, 6.0), (0.3, 8.0), (0.25, 9.0)):
         u = np.stack([0 * x, 0 * x, np.clip(depth - (x**2 + y**2) / (2 * bend), 0, None)])
-        maps = measured(DOME, u, z, std_mm=0.005, rng=np.random.default_rng(0))
+        maps = measured(DOME, u, std_mm=0.005, rng=np.random.default_rng(0))
         for _ in range(9):
             began = time.process_time()
             found = field(*maps)

@@ -108,13 +108,7 @@ def _along(surface: SurfaceCells, shear: list[Floats], depth: Floats, *, moved: 
     if not shear:
         return [depth * surface.facing.reshape(depth.shape)]
     if moved:
-        rows, columns = np.indices(depth.shape, dtype=np.float32)
-        go = [one.astype(np.float32) / np.float32(surface.spacing_mm) for one in shear]
-        untouched = surface.depth_mm.astype(np.float32)
-        there = cv2.remap(
-            untouched, columns + go[0], rows + go[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-        )
-        depth = depth + there - untouched
+        depth = depth + surface.rise_mm(np.stack(shear))
     return list(surface.local(np.stack([*shear, depth])))
 
 

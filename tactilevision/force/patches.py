@@ -219,7 +219,8 @@ class Patches:
         On a flat gel they are fx, fy and mz, and the pressure is the other rows.
         """
         if self.compliance.surface is None:
-            return whole * np.tile([1.0, 1.0, 0.0, 0.0, 0.0, 1.0], self.count)[:, None, None]
+            along_face = np.tile([1.0, 1.0, 0.0, 0.0, 0.0, 1.0], self.count)
+            return np.asarray(whole * along_face[:, None, None])
         along = weights.copy()
         along[:, 2] = 0.0
         return np.asarray(linear(along.reshape(len(along), -1)).reshape(whole.shape))

@@ -8,7 +8,8 @@ are compared with T by the filter F, which is T divided by the power of the nois
     w = sum(F u/s^2) / sum(F T/s^2),
 
 so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these
-over shapes and places is the limit.
+over shapes and places is the limit. On a curved gel it is multiplied by the greatest ratio of the gel's stiffness
+under a punch to the layer's.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scipy.signal import fftconvolve
 
 from tactilevision.force.compliance import Compliance
 from tactilevision.force.kernel import layer_cells
+from tactilevision.force.mesh_compliance import MeshCompliance, punch_ratios
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.force.noise import likeness
 from tactilevision.force.observe import Observation
@@ -31,7 +33,6 @@ from tactilevision.records.measured import Floats
 
 Waves = npt.NDArray[np.complexfloating]
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
-STATIONS = 4  # along either side of the view, where a curved gel's stiffness is compared with a layer's
 FINE = 6  # fine cells over a radius
 SEEN_SHARE = 0.5  # least share of a template's square on known cells
 FAINT = 0.05  # of the deepest: shallower cells are not in a template
@@ -94,28 +95,9 @@ class Unseen:
 
     @cached_property
     def _stiffer(self) -> float:
-        """Return the greatest stiffness of a curved gel under a punch over that of the flat layer, 1 at least.
-
-        The punches stand on STATIONS by STATIONS places of the view.
-        """
+        """Return the greatest stiffness of a curved gel under a punch over that of the flat layer, 1 at least."""
         own = self.compliance
-        if own.surface is None:
-            return 1.0
-        grid, thickness, most = own.grid, own.gel.thickness_mm, 1.0
-        flat = layer_cells(grid, thickness_mm=thickness, poisson_ratio=own.poisson_ratio)
-        x, y, _ = own.surface.places_mm.T
-        for along, down in np.ndindex(STATIONS, STATIONS):
-            middle = (
-                grid.x_mm[(2 * along + 1) * len(grid.x_mm) // (2 * STATIONS)],
-                grid.y_mm[(2 * down + 1) * len(grid.y_mm) // (2 * STATIONS)],
-            )
-            cells = np.flatnonzero((np.hypot(x - middle[0], y - middle[1]) <= thickness) & own.inside.ravel())
-            if len(cells) > 1:
-                here, there = (
-                    np.linalg.solve(one.block(cells, 1), np.ones(len(cells))).sum() for one in (own, flat)
-                )
-                most = max(most, float(here / there))
-        return most
+        return max(1.0, float(punch_ratios(own).max())) if isinstance(own, MeshCompliance) else 1.0
 
     @cached_property
     def _shape(self) -> tuple[int, int]:

@@ -12,10 +12,11 @@ whatever the surface's slope, and with that area compliances are symmetric.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 from scipy.spatial import cKDTree
 
 from tactilevision.errors import InputError
@@ -35,7 +36,7 @@ class SurfaceCells:
 
     `places_mm` (n, 3) of the middles; `frames` (n, 3, 3), rows the local axes t1, t2 along the surface and the
     normal into the gel; `thickness_mm` (n,) the distance to the bonded surface; `inside` (rows, columns) the cells
-    wholly on the gel; `shares` (N, n) the nodal shares of unit loads.
+    wholly on the gel.
     """
 
     shape: tuple[int, int]
@@ -44,7 +45,6 @@ class SurfaceCells:
     frames: Floats = field(repr=False)
     thickness_mm: Floats = field(repr=False)
     inside: Bools = field(repr=False)
-    shares: sparse.csr_array = field(repr=False)
 
     @property
     def facing(self) -> Floats:
@@ -61,13 +61,27 @@ class SurfaceCells:
         """Return z0 of the untouched surface (rows, columns)."""
         return self.places_mm[:, 2].reshape(self.shape)
 
+    @cached_property
+    def _spline(self) -> Floats:
+        return np.asarray(spline_filter(self.depth_mm, mode="nearest"))
+
+    def rise_mm(self, shift_mm: Floats) -> Floats:
+        """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, along x and y."""
+        steps = np.indices(self.shape) + shift_mm[::-1] / self.spacing_mm
+        there = map_coordinates(self._spline, steps, prefilter=False, mode="nearest")
+        return np.asarray(there - self.depth_mm)
+
     def local(self, moved_mm: Floats) -> Floats:
         """Return displacement (3, rows, columns), mm, along the local axes."""
         return np.asarray(np.einsum("nij,jn->in", self.frames, moved_mm.reshape(3, -1)).reshape(moved_mm.shape))
 
 
-def surface_cells(mesh: GelMesh, x_mm: Floats, y_mm: Floats, *, spacing_mm: float) -> SurfaceCells:
+def surface_cells(
+    mesh: GelMesh, x_mm: Floats, y_mm: Floats, *, spacing_mm: float
+) -> tuple[SurfaceCells, sparse.csr_array]:
     """Return the cells whose middles have x and y (columns,), (rows,), mm, on the mesh's seen surface.
+
+    Also the nodal shares (N, n) of their unit loads, dimensionless.
 
     Raises InputError where no cell of the view lies on it.
     """
@@ -102,7 +116,7 @@ def surface_cells(mesh: GelMesh, x_mm: Floats, y_mm: Floats, *, spacing_mm: floa
     middle[:, 2], normal = middle[at, 2], normal[at]
     frames = _frames(normal)
     thickness = np.asarray(cKDTree(mesh.nodes_mm[mesh.bonded]).query(middle)[0])
-    return SurfaceCells(shape, spacing_mm, middle, frames, thickness[at], whole.reshape(shape), shares)
+    return SurfaceCells(shape, spacing_mm, middle, frames, thickness[at], whole.reshape(shape)), shares
 
 
 def _frames(normal: Floats) -> Floats:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import radians, tan
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.records.measured import Pair, Picture
 from tactilevision.records.ranges import Ranged, check_ranges
 
@@ -63,6 +63,12 @@ class Gel:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        for name, known in (
+            ("base", ("curved", "flat")),
+            ("axis", ("x", "y")),
+            ("mesh_unit", ("mm", "m", "inch")),
+        ):
+            check_known(getattr(self, name), known, what=f"{name} is not known", where="gel")
         missing = missing_size(self)
         if missing:
             raise InputError(missing, where="gel", value=self.shape)
