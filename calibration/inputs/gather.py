@@ -364,6 +364,13 @@ def _one_gel(recordings: Sequence[Recording]) -> Gel:
             where=recordings[0].name,
             remedy="Add [sensor.gel] thickness_mm to recording.toml.",
         )
+    if not first.is_flat:
+        raise InputError(
+            "the laws of a flat layer do not fit a gel of this shape",
+            where=recordings[0].name,
+            value=first.shape,
+            remedy="`tactilevision force` finds E of its own mesh, by the readings of the force sensor.",
+        )
     for recording, gel in zip(recordings, gels, strict=True):
         if gel is None or gel.thickness_mm != first.thickness_mm:
             raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,16 +21,20 @@ from tactilevision.force import comparison
 from tactilevision.force.calibrated import (
     TOGETHER,
     Sensitivity,
+    material_of,
     material_sensitivity,
+    modulus_of,
     read_clock_offset,
     read_material,
 )
 from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_job, with_gel
+from tactilevision.force.mesh_compliance import MeshCompliance, equivalent_thickness_mm
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.plots import force as draw, style
 from tactilevision.plots.height import draw_height
 from tactilevision.press.certified_faces import FaceDepthCorrection
+from tactilevision.profile.sensor import stated_material
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import Z95
@@ -253,7 +258,9 @@ def _say_forces(
     _say_shear(shear)
     measured = _say_residuals(compared, has_offset=not recording.presses)
     sensitivity = _figures(recording, job, rows, out / "figures", compared=compared, most=most)
-    written = _against_sensor(recording, job, rows, out, sensitivity) if compared is not None else None
+    written, solid = None, _say_mesh(job, rows)
+    if compared is not None and solid is None:
+        written = _against_sensor(recording, job, rows, out, sensitivity)
     content = {
         "frames": len(rows),
         "read": len(read),
@@ -261,9 +268,27 @@ def _say_forces(
         "warnings": list(job.reconstructor.warnings),
         "shear": shear,
         "measured": measured,
+        "mesh": solid,
         "sensitivity": sensitivity,
     }
     return content, written
+
+
+def _say_mesh(job: ForceJob, rows: tuple[FrameForce, ...]) -> dict[str, Any] | None:
+    """Print and return the equivalent thickness of a gel's mesh, and E by the force sensor; None of a flat gel."""
+    made = job.field.compliance
+    if not isinstance(made, MeshCompliance):
+        return None
+    here, least, most = equivalent_thickness_mm(made)
+    console.say(f"  {made.gel.shape}: as stiff as a flat layer of {here:.2f} mm at the picture's centre, and of")
+    console.say(f"  {least:.2f} to {most:.2f} mm over the view: one flat layer does not replace the mesh")
+    content: dict[str, Any] = {"equivalent_thickness_mm": here, "over_the_view_mm": [least, most]}
+    own, other = (np.array([getattr(row, name) for row in rows]) for name in ("resultant_N", "measured_N"))
+    with suppress(InputError):
+        modulus, std = modulus_of(own, job.field.material.youngs_modulus_MPa, other)
+        console.say(f"  E by the force sensor on this mesh: {modulus:.4g} MPa, std {std:.2g}")
+        content |= {"youngs_modulus_MPa": modulus, "youngs_modulus_std_MPa": std}
+    return content
 
 
 def _against_sensor(
@@ -307,7 +332,7 @@ def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
 
 
 def _material(chosen: source.Choice, calibration: Path | None, recording: Recording) -> tuple[Recording, Material]:
-    """Return the recording with its gel, and E and nu: of calibration.json, of the profile, or of a usual gel.
+    """Return the recording with its gel, and E and nu: of calibration.json, the profile, the gel, or a usual one.
 
     Warns where they are assumed. Raises InputError where there is none of these.
     """
@@ -316,9 +341,15 @@ def _material(chosen: source.Choice, calibration: Path | None, recording: Record
         return recording, read_material(calibration)
     if profile is not None and profile.material is not None:
         return recording, profile.material
+    stated = stated_material(recording.sensor.gel)
+    if stated is not None:
+        console.warn(["E and nu are as stated of the gel, not measured here"])
+        return recording, material_of(stated, where="[sensor.gel]")
     assumed = usual_gel(recording.sensor)
     if assumed is None:
-        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile that has them."
+        remedy = (
+            "Give --calibration calibration.json, a profile, or youngs_modulus_MPa and poisson_ratio of the gel."
+        )
         where = "force" if profile is None else profile.path
         raise InputError("E and nu of the gel are not known", where=where, remedy=remedy)
     gel, material = assumed

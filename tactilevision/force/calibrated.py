@@ -13,6 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import check_numbers, number
 from tactilevision.force.field import ForceField
+from tactilevision.force.mesh_compliance import MeshCompliance
 from tactilevision.records.constants import MICRO, NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material
@@ -94,7 +95,8 @@ def material_sensitivity(
 
     def at(poisson_ratio: float) -> tuple[float, float, float]:
         changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # no deviation is needed
-        again = ForceField(field.gel, changed, field.mm_per_px, settings=field.settings)
+        own = field.compliance.at(poisson_ratio) if isinstance(field.compliance, MeshCompliance) else None
+        again = ForceField(field.gel, changed, field.mm_per_px, settings=field.settings, compliance=own)
         return again(height, shear).resultant_N
 
     by_modulus = np.outer(np.array(moduli) / material.youngs_modulus_MPa, found.resultant_N)
@@ -179,6 +181,29 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
             remedy=remedy,
         )
     return matrix
+
+
+def modulus_of(force_N: Floats, modulus_MPa: float, measured_N: Floats) -> tuple[float, float]:
+    """Return E and its standard deviation, MPa, at which forces of a gel's own mesh agree with a force sensor's.
+
+        E' = E sum(F . M) / sum(F . F)
+
+    F (N, 3) are resultants solved with E, to which they are proportional; M (N, 3) the sensor's. NaN is left out.
+    Raises InputError without a force to compare.
+    """
+    both = np.isfinite(force_N) & np.isfinite(measured_N)
+    own, other = np.where(both, force_N, 0.0), np.where(both, measured_N, 0.0)
+    square, used = float((own**2).sum()), int((own != 0).any(axis=1).sum())
+    if not square > 0 or used < 2:
+        raise InputError(
+            "E needs two frames at least with a contact and a reading of the force sensor",
+            where="modulus_of",
+            value=used,
+            remedy="Record forces.csv with the presses.",
+        )
+    share = float((own * other).sum()) / square
+    spread = float(((other - share * own) ** 2).sum()) / (used - 1)
+    return modulus_MPa * share, modulus_MPa * float(np.sqrt(spread / square))
 
 
 def check_gel(path: Path | str, gel: Gel) -> None:

@@ -27,6 +27,7 @@ from tactilevision.force.lateral_boundaries import (
     side_tables,
     station_shape,
 )
+from tactilevision.force.mesh_compliance import MeshCompliance, mesh_compliance
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.force.observe import Observation
 from tactilevision.records.constants import ROUNDING, TINY
@@ -66,10 +67,17 @@ class GelCompliance:
     sides: SideTable | None = None
     slopes: Slopes | None = field(default=None, repr=False)
 
+    surface = None  # the picture's plane
+
     @property
     def grid(self) -> NodeGrid:
         """The cells."""
         return self.layer.grid
+
+    @property
+    def cell_unit(self) -> float:
+        """Return the size of a cell over its reduced modulus, mm/MPa at modulus 1 MPa."""
+        return self.grid.spacing_mm * (1 - self.poisson_ratio**2)
 
     def block(self, cells: Cells, parts: int = 3) -> Floats:
         """Return displacement by traction between cells, (parts C, parts C), as CellCompliance does."""
@@ -107,6 +115,18 @@ class GelCompliance:
         if self.sides is None or self.slopes.sides is None:
             return layer
         return np.asarray(layer + self.slopes.sides.block(cells, parts))
+
+
+Compliance = GelCompliance | MeshCompliance
+
+
+def compliance_for(
+    gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: bool = True, slopes: bool = False
+) -> Compliance:
+    """Return the compliance of a gel of any shape for the cells of `grid`, as the functions of its kind do."""
+    if gel.is_flat:
+        return gel_compliance(gel, grid, poisson_ratio=poisson_ratio, sides=sides, slopes=slopes)
+    return mesh_compliance(gel, grid, poisson_ratio=poisson_ratio, slopes=slopes)
 
 
 def gel_compliance(
@@ -334,7 +354,7 @@ class Solution:
 
 
 def solve(
-    compliance: GelCompliance, cells: Cells, *, displacement_mm: Floats, std_mm: Floats, adhesive: bool = False
+    compliance: Compliance, cells: Cells, *, displacement_mm: Floats, std_mm: Floats, adhesive: bool = False
 ) -> Solution:
     """Solve for the tractions in MPa of modulus 1 from `displacement_mm` (n, C) of `cells`; `std_mm` (n,).
 
@@ -348,8 +368,8 @@ def solve(
             return first
         kept = np.isin(cells, first.cells, assume_unique=True)
         cells, displacement_mm = cells[kept], displacement_mm[:, kept]
-    whole, unit = compliance.block(cells, parts), compliance.grid.spacing_mm * (1 - compliance.poisson_ratio**2)
-    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, unit, adhesive)
+    whole = compliance.block(cells, parts)
+    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, compliance.cell_unit, adhesive)
 
 
 def _narrow(
@@ -397,7 +417,7 @@ def _solved(
 
 
 def unclipped(
-    compliance: GelCompliance, seen: Observation, found: Solution, left_mm: Floats
+    compliance: Compliance, seen: Observation, found: Solution, left_mm: Floats
 ) -> tuple[Solution, float]:
     """Solve for what the pressures of `found` (C,) lack over its cells and the rings about them, pulls included,
     by the depth (rows, columns) that they leave, mm.
@@ -417,7 +437,7 @@ def unclipped(
     ring = 2 * seen.noise[-1].rings + 1
     support = np.flatnonzero(cv2.dilate(touching, np.ones((ring, ring), np.uint8)).astype(bool) & seen.known)
     left = left_mm.ravel()[support]
-    unit, whole = grid.spacing_mm * (1 - compliance.poisson_ratio**2), compliance.block(support, 1)
+    unit, whole = compliance.cell_unit, compliance.block(support, 1)
     if compliance.sides is not None:
         within = np.zeros((len(found.traction), len(support)))
         within[:, np.searchsorted(support, found.cells)] = found.traction

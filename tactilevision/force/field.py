@@ -33,18 +33,20 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.force.compliance import (
-    GelCompliance,
+    Compliance,
     Solution,
     candidate_cells,
-    gel_compliance,
+    compliance_for,
     is_cut,
     overlooked_cells,
     solve,
 )
-from tactilevision.force.nodes import Cells, NodeGrid, lay_grid
+from tactilevision.force.mesh_compliance import MeshCompliance
+from tactilevision.force.nodes import Cells, NodeGrid, cell_means, lay_grid
 from tactilevision.force.observe import Observation, observe, with_residual
 from tactilevision.force.patches import MODEL_DEEP, Patches, find_patches
 from tactilevision.force.unseen import Unseen
+from tactilevision.gel.surface import SurfaceCells
 from tactilevision.mechanics.profile import LIKELY_SHARE
 from tactilevision.records.constants import Z90
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
@@ -90,7 +92,7 @@ class ForceField:
         *,
         view_px: tuple[int, int] | None = None,
         settings: ForceSettings | None = None,
-        compliance: GelCompliance | None = None,
+        compliance: Compliance | None = None,
     ) -> None:
         self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
@@ -130,14 +132,20 @@ class ForceField:
         flags += [ASSUMED] if self.material.assumed else []
         return self._report(find_patches(compliance, seen, found, left), height, tuple(flags))
 
-    def _prepared(self, height: HeightMap) -> GelCompliance:
+    def _prepared(self, height: HeightMap) -> Compliance:
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
         return self.compliance
 
     def _observe(self, height: HeightMap, shear: ShearMap | None = None) -> Observation:
         own = self._prepared(height)
-        return observe(own.grid, height, shear, inside=own.inside, away_mm=STILL * self.gel.thickness_mm)
+        away_mm = STILL * self.gel.thickness_mm
+        seen = observe(own.grid, height, shear, inside=own.inside, away_mm=away_mm, surface=own.surface)
+        if isinstance(own, MeshCompliance):
+            own.check_depth(seen.displacement_mm[-1], seen.known)
+            if shear is not None:
+                own.check_shear(cell_means(own.grid, shear.u_x_mm, valid=shear.valid)[1])
+        return seen
 
     def touched(self, height: HeightMap) -> bool:
         """Return whether anything may touch: quick, so that a free gel needs no shear. Raises as a call does."""
@@ -173,43 +181,43 @@ class ForceField:
             _forget_shear(fields, total, covariance)
         errors = np.full_like(fields, np.nan)
         found = _as_map(grid, fields, errors, total[0], covariance[0, :, 0], (*flags, NO_CONTACT), height)
-        return replace(found, could_hide_N=hidden_N)
+        return replace(_on_surface(found, self._prepared(height)), could_hide_N=hidden_N)
 
     @cached_property
     def _unseen(self) -> Unseen:
         assert self.compliance is not None
         return Unseen(self.compliance)
 
-    def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
+    def _fits(self, made: Compliance, view_px: tuple[int, int] | None) -> bool:
         """Return whether a compliance that was made before is one for this material, these settings and view."""
         seen = view_px is None or view_px == made.grid.view_px
         known = made.slopes is not None or self.material.covariance is None
         return seen and known and self.settings.sides and made.grid.spacing_mm == self.settings.spacing_mm
 
-    def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
+    def _set_up(self, view_px: tuple[int, ...]) -> Compliance:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, spacing_mm=self.settings.spacing_mm)
         slopes, nu = self.material.covariance is not None, self.material.poisson_ratio
-        return gel_compliance(self.gel, grid, poisson_ratio=nu, sides=self.settings.sides, slopes=slopes)
+        return compliance_for(self.gel, grid, poisson_ratio=nu, sides=self.settings.sides, slopes=slopes)
 
-    def _after(self, compliance: GelCompliance, seen: Observation, found: Solution) -> tuple[Observation, Floats]:
+    def _after(self, compliance: Compliance, seen: Observation, found: Solution) -> tuple[Observation, Floats]:
         """Return the observation with the noise of the residual, and the residual depth (rows, columns), mm."""
         left = seen.displacement_mm[-1] - compliance.depth(found.cells, found.traction)
         return with_residual(seen, left, seen.known & ~self._near(compliance, found.cells)), left
 
-    def _near(self, compliance: GelCompliance, cells: Cells) -> Bools:
+    def _near(self, compliance: Compliance, cells: Cells) -> Bools:
         """Return the cells (rows, columns) within BESIDE thicknesses of `cells`."""
         reach = int(np.ceil(BESIDE * self.gel.thickness_mm / compliance.grid.spacing_mm))
         near = np.zeros(compliance.grid.shape, dtype=np.uint8)
         near.flat[cells] = 1
         return np.asarray(cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)), dtype=bool)
 
-    def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, left: Floats) -> Cells:
+    def _overlooked(self, compliance: Compliance, seen: Observation, cells: Cells, left: Floats) -> Cells:
         """Return the cells of weak contacts that the displacement by a deep one hides."""
         usable = seen.known & ~self._near(compliance, cells)
         moved = seen.displacement_mm[-1] - left
         return overlooked_cells(left, moved, std_mm=seen.depth_std_mm, usable=usable)
 
-    def _solve(self, compliance: GelCompliance, seen: Observation, cells: Cells) -> Solution:
+    def _solve(self, compliance: Compliance, seen: Observation, cells: Cells) -> Solution:
         u = seen.displacement_mm.reshape(len(seen.displacement_mm), -1)[:, cells]
         return solve(compliance, cells, displacement_mm=u, std_mm=seen.std_mm)
 
@@ -229,10 +237,12 @@ class ForceField:
         if self.settings.cell_std:
             noise = np.concatenate([one.total.ravel()[found.cells] for one in seen.noise])
             errors[3 - parts :, found.cells] = found.cell_std(noise) * scale[patches.of_cells]
+        if patches.compliance.surface is not None:
+            fields, errors = _in_picture(patches.compliance.surface, fields, errors)
         if parts == 1:
             _forget_shear(fields, wrenches, every)
         total, covariance = wrenches.sum(axis=0), every.sum(axis=(0, 2))
-        whole = _as_map(grid, fields, errors, total, covariance, flags, height)
+        whole = _on_surface(_as_map(grid, fields, errors, total, covariance, flags, height), patches.compliance)
         numbers = np.zeros(grid.shape, dtype=np.intp)
         numbers.flat[found.cells] = patches.of_cells + 1
         return replace(
@@ -271,6 +281,23 @@ def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:
     unknown = [0, 1, 5]
     fields[:2], wrenches[:, unknown] = np.nan, np.nan
     covariance[:, unknown], covariance[..., unknown] = np.nan, np.nan
+
+
+def _in_picture(surface: SurfaceCells, fields: Floats, errors: Floats) -> tuple[Floats, Floats]:
+    """Return tractions (3, n) along the picture's axes, per area of the surface, from local ones; MPa."""
+    share, known = surface.facing, np.nan_to_num(errors)
+    turned = share * np.einsum("nai,an->in", surface.frames, fields)
+    spread = share * np.sqrt(np.einsum("nai,an->in", surface.frames**2, known**2))
+    return turned, np.where(np.isnan(errors[2]), np.nan, spread)
+
+
+def _on_surface(found: TractionMap, compliance: Compliance) -> TractionMap:
+    """Return the map with areas and normals of a curved surface."""
+    surface = compliance.surface
+    if surface is None:
+        return found
+    normal = surface.frames[:, 2].T.reshape(3, *surface.shape)
+    return replace(found, area_mm2=surface.area_mm2.reshape(surface.shape), normal=normal)
 
 
 def _as_map(grid: NodeGrid, fields: Floats, errors: Floats, total: Floats, covariance: Floats,

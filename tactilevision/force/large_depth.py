@@ -26,7 +26,7 @@ STRAINED = 1.5  # stiffening of gel about a narrow contact; benchmarks.force_dep
 
 
 def patch_factor(
-    radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: float, poisson_ratio: float
+    radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: Floats | float, poisson_ratio: float
 ) -> Floats:
     """Return the factor of each patch (n,), a ratio, from arrays (n,)."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)

@@ -21,6 +21,7 @@ from tactilevision.force.noise import (
     rough_noise,
     stated_noise,
 )
+from tactilevision.gel.surface import SurfaceCells
 from tactilevision.records.constants import MILLI, TINY
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Bools, Floats
@@ -55,12 +56,19 @@ class Observation:
 
 
 def observe(
-    grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, inside: Bools, away_mm: float
+    grid: NodeGrid,
+    height: HeightMap,
+    shear: ShearMap | None,
+    *,
+    inside: Bools,
+    away_mm: float,
+    surface: SurfaceCells | None = None,
 ) -> Observation:
     """Average depth and shear (H, W), in mm, over the cells, and measure the size of the noise of depth.
 
-    `away_mm` from a contact the gel is at rest. The noise of shear is that which its map states. Raises InputError
-    for maps of another grid or without a number.
+    `surface` turns the displacement to the local axes of a curved gel. `away_mm` from a contact the gel is at
+    rest. The noise of shear is that which its map states. Raises InputError for maps of another grid or without a
+    number.
     """
     _check(grid, height, shear)
     finite = np.isfinite(height.depth_mm) & height.valid
@@ -75,18 +83,33 @@ def observe(
         depth_px, finite = material_depth(depth_px, finite, shear=shear)
     depth, known = cell_means(grid, depth_px, valid=finite)
     known &= inside
+    fields = [] if shear is None else [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
+    if surface is not None:
+        *fields, depth = _along(surface, fields, depth, moved=height.positions == "deformed")
     stated = _stated_std(grid, height, known)
     std = noise_of_cells(depth, known)
     far = known & (from_contact(grid, depth / (max(std, TINY) if stated is None else stated), known) > away_mm)
     noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), (noise,), stated, far)
-    fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
     length_mm = shear.correlation_px * float(np.mean(shear.mm_per_px))
     side = stated_noise(_shear_std(grid, shear, depth, known), length_mm, grid)
     every, own = tuple(dict.fromkeys([*shear.flags, *flags])), float(side.slow[0, 0])
     fields.append(depth)
     return Observation(np.stack(fields), np.array([own, own, std]), known, every, (side, side, noise), stated, far)
+
+
+def _along(surface: SurfaceCells, shear: list[Floats], depth: Floats, *, moved: bool) -> list[Floats]:
+    """Return displacement along the local axes from `depth`, what the surface has moved along the camera's ray r.
+
+    With shear (u_x, u_y) depth is read where the material has gone, so u_z = depth + z0(x + u) - z0(x). Without it
+    only the normal part is measured, u.n = depth (r.n).
+    """
+    if not shear:
+        return [depth * surface.facing.reshape(depth.shape)]
+    if moved:
+        depth = depth + surface.rise_mm(np.stack(shear))
+    return list(surface.local(np.stack([*shear, depth])))
 
 
 def with_residual(seen: Observation, left_mm: Floats, far: Bools) -> Observation:

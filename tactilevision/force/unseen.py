@@ -8,7 +8,8 @@ are compared with T by the filter F, which is T divided by the power of the nois
     w = sum(F u/s^2) / sum(F T/s^2),
 
 so with 95 % probability no contact has a force above P (w + 1.645 std(w)), w at least 0. The greatest of these
-over shapes and places is the limit.
+over shapes and places is the limit. On a curved gel it is multiplied by the greatest ratio of the gel's stiffness
+under a punch to the layer's.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ import numpy.typing as npt
 from scipy import fft
 from scipy.signal import fftconvolve
 
-from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.compliance import Compliance
 from tactilevision.force.kernel import layer_cells
+from tactilevision.force.mesh_compliance import MeshCompliance, punch_ratios
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.force.noise import likeness
 from tactilevision.force.observe import Observation
@@ -48,7 +50,7 @@ class Template:
 class Unseen:
     """Limits of hidden forces on a gel."""
 
-    compliance: GelCompliance
+    compliance: Compliance
 
     def limit(self, seen: Observation, *, relative_std: float = 0.0) -> float:
         """Return the upper 95 % limit of a hidden normal force in units of E (MPa); NaN where too little is known.
@@ -81,7 +83,7 @@ class Unseen:
         variance = (spread / gain) ** 2 / np.float32(typical)
         upper_mm = depth_mm + Z90 * np.sqrt(variance[:, None, None] / share + (relative_std * depth_mm) ** 2)
         forces = np.array([one.force for one in self.templates], dtype=np.float32)
-        return float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
+        return self._stiffer * float(np.max(forces[:, None, None] * upper_mm, where=usable, initial=0.0))
 
     @cached_property
     def templates(self) -> tuple[Template, ...]:
@@ -90,6 +92,12 @@ class Unseen:
         return _templates(
             max(thickness, cell_mm), cell_mm, thickness_mm=thickness, poisson_ratio=self.compliance.poisson_ratio
         )
+
+    @cached_property
+    def _stiffer(self) -> float:
+        """Return the greatest stiffness of a curved gel under a punch over that of the flat layer, 1 at least."""
+        own = self.compliance
+        return max(1.0, float(punch_ratios(own).max())) if isinstance(own, MeshCompliance) else 1.0
 
     @cached_property
     def _shape(self) -> tuple[int, int]:

@@ -225,6 +225,7 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
         _check_unit(own, profile)
         flats = read_folder(path, reference=reference).flats if reference is not None else ()
         gel = profile.sensor.gel or own.sensor.gel
+        _check_shape(own, profile)
         sensor, white = replace(profile.sensor, gel=gel), profile.white_level
         found = replace(own, sensor=sensor, flats=flats, balls=(), white_level=white)
     else:
@@ -239,6 +240,18 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
             remedy="Set the camera to that size, or calibrate the sensor again.",
         )
     return found
+
+
+def _check_shape(own: Recording, profile: Profile) -> None:
+    """Raise InputError where a gel is stated flat here and curved in the profile, or the other way round."""
+    here, there = own.sensor.gel, profile.sensor.gel
+    if here is not None and there is not None and here.is_flat != there.is_flat:
+        raise InputError(
+            f"the gel is stated as {here.shape} here, and as {there.shape} in the profile {profile.name}",
+            where=own.path / layout.SETTINGS,
+            value=here.shape,
+            remedy="State the gel's own shape in [sensor.gel]: a round gel read as a flat layer is a third off.",
+        )
 
 
 def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
@@ -340,8 +353,8 @@ def followed_in(recording: Recording, untouched: Bytes) -> Followed:
 def with_compliance(profile: Profile) -> Profile:
     """Return the profile with its gel's compliance; unchanged where gel, E or nu are not known."""
     gel, material, sensor = profile.sensor.gel, profile.material, profile.sensor
-    if gel is None or material is None:
-        return profile
+    if gel is None or material is None or not gel.is_flat:
+        return profile  # the cache keeps that of a mesh, which is a hundred times as large
     view = (sensor.height_px, sensor.width_px)
     grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
     made = gel_compliance(gel, grid, poisson_ratio=material.poisson_ratio, slopes=True)

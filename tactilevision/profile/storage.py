@@ -30,7 +30,7 @@ from tactilevision.profile.model import Followed, Profile
 from tactilevision.recording.images import decode_image
 from tactilevision.recording.sensor import maps_of
 from tactilevision.records.measured import Material
-from tactilevision.records.rig import Gel, Indenter, Sensor
+from tactilevision.records.rig import Gel, GelLayer, Indenter, Sensor
 from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
@@ -66,7 +66,17 @@ def hash_of_bytes(content: bytes) -> str:
 
 _MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
-_WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
+_WORDS = (
+    "name",
+    "shape",
+    "bevel",
+    "base",
+    "axis",
+    "mesh",
+    "mesh_unit",
+    "seen",
+    "bonded",
+)  # of gels and indenters: all else are numbers
 T = TypeVar("T")
 
 
@@ -193,7 +203,7 @@ def _sensor(
         maps = maps_of(unpack_arrays(files[MAPS], where=path / MAPS), path / MAPS)
         if maps[0].shape != (height, width):
             raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
-    gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
+    gel = None if stated["gel"] is None else _gel(stated["gel"], path)
     white = stated.get("white_level")
     kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
     sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)
@@ -203,7 +213,7 @@ def _sensor(
 def _compliance(
     files: Mapping[str, bytes], sensor: Sensor, calibration: Mapping[str, Any] | None, path: Path
 ) -> GelCompliance | None:
-    if COMPLIANCE not in files or calibration is None or sensor.gel is None:
+    if COMPLIANCE not in files or calibration is None or sensor.gel is None or not sensor.gel.is_flat:
         return None
     where = path / COMPLIANCE
     material: Material = material_of(calibration, where=f"{path}, {CALIBRATION}")
@@ -227,6 +237,12 @@ def _face_law(files: Mapping[str, bytes], name: str, path: Path) -> DepthScale |
 def _indenter(content: Mapping[str, Any], path: Path) -> Indenter:
     found = _record(Indenter, content, path)
     return replace(found, radius_mm=math.nan) if content.get("radius_mm") is None else found
+
+
+def _gel(content: Mapping[str, Any], path: Path) -> Gel:
+    layers = tuple(_record(GelLayer, one, path) for one in content.get("layers", ()))
+    gel = _record(Gel, {key: value for key, value in content.items() if key != "layers"}, path)
+    return replace(gel, layers=layers)
 
 
 def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T:

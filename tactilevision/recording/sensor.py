@@ -14,7 +14,7 @@ from tactilevision.errors import InputError, RecordingError, found_in
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.opening import check_numbers, inside
 from tactilevision.recording.layout import nearest
-from tactilevision.records.rig import Gel, Sensor
+from tactilevision.records.rig import Gel, GelLayer, Sensor
 from tactilevision.sensors import SENSORS, get_sensor
 
 if TYPE_CHECKING:
@@ -174,9 +174,14 @@ def _gel(settings: GelSettings | None, toml: Path) -> Gel | None:
         return None
     found = settings.model_dump(include=set(Gel.__dataclass_fields__))
     guess = "disc" if settings.radius_mm else "rectangle" if settings.size_mm else "unbounded"
-    size = None if settings.size_mm is None else tuple(settings.size_mm)
+    found["shape"] = settings.shape or ("mesh" if settings.mesh else guess)
+    for pair in ("size_mm", "curvature_mm", "thickness_ends_mm"):
+        found[pair] = None if found[pair] is None else tuple(found[pair])
+    found["layers"] = tuple(GelLayer(**one.model_dump()) for one in settings.layers)
+    if settings.mesh is not None:
+        found["mesh"] = str(inside(toml.parent, settings.mesh, where=toml))
     with found_in(toml, "[sensor.gel]"):
-        return Gel(**(found | {"shape": settings.shape or guess, "size_mm": size}))
+        return Gel(**found)
 
 
 def _by(size: tuple[int, ...]) -> str:

@@ -28,6 +28,7 @@ from tactilevision.recording.layout import nearest
 from tactilevision.recording.units import same_quantity, scaled, with_own_unit
 from tactilevision.records.constants import Z95
 from tactilevision.records.ranges import SCALE
+from tactilevision.records.rig import Shape, missing_size
 
 # Keys of recording.toml, with units and bounds.
 
@@ -89,12 +90,21 @@ def _halved(table: _Settings) -> str:
     return f", half of its diameter_mm = {stated}" if isinstance(stated, int | float) else ""
 
 
+class LayerSettings(_Settings):
+    """[[sensor.gel.layers]]"""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    thickness_mm: Positive
+    modulus_ratio: Positive = 1.0
+    poisson_ratio: Poisson | None = None
+
+
 class GelSettings(_Settings):
     """[sensor.gel]"""
 
     thickness_mm: Positive
     thickness_std_mm: NotNegative = 0.0
-    shape: Literal["disc", "rectangle", "unbounded"] | None = None
+    shape: Shape | None = None
     radius_mm: Positive | None = None
     size_mm: Two | None = None
     poisson_ratio: Poisson | None = None
@@ -104,12 +114,24 @@ class GelSettings(_Settings):
         default=None, validation_alias=AliasChoices("youngs_modulus_std_MPa", "youngs_modulus_MPa_std")
     )
 
+    curvature_mm: Two | None = None
+    base: Literal["curved", "flat"] = "curved"
+    axis: Literal["x", "y"] = "y"
+    thickness_ends_mm: Two | None = None
+    layers: list[LayerSettings] = Field(default_factory=list)
+    mesh: Text | None = None
+    mesh_unit: Literal["mm", "m", "inch"] = "mm"
+    seen: Text = "seen"
+    bonded: Text = "bonded"
+
     @model_validator(mode="after")
     def _outline(self) -> Self:
         if self.shape == "disc" and self.radius_mm is None:
             raise ValueError(f'shape = "disc" needs radius_mm{_halved(self)}')
         if self.shape == "rectangle" and self.size_mm is None:
             raise ValueError('shape = "rectangle" needs size_mm = [x, y]')
+        if lacking := missing_size(self):
+            raise ValueError(f'shape = "{self.shape}": {lacking}')
         return self
 
 
@@ -375,6 +397,7 @@ _WORDS = {  # pydantic's kinds of findings: message and remedy
     "string_type": ("must be text", "Put it in quotes."),
     "bool_type": ("must be true or false", "Write it without quotes."),
     "literal_error": ("must be {expected}", ""),
+    "extra_forbidden": ("is not known", "Known are thickness_mm, modulus_ratio and poisson_ratio."),
     "list_type": ("must be a list such as [1.0, 2.0]", ""),
     "too_short": ("must hold {min_length} values", ""),
     "too_long": ("must hold {max_length} values", ""),

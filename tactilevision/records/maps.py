@@ -236,6 +236,9 @@ class TractionMap:
 
     `patches` are the contacts, of which the wrench is the sum; `patch_map` (H, W) has their numbers, 0 outside.
     Where nothing touches, `could_hide_N` is the upper 95 % limit of the normal force of an unseen contact.
+
+    On a curved gel, t_x, t_y and t_z keep the picture's axes, (x, y) of a node is its place in the picture,
+    `area_mm2` (H, W) the surface's area there and `normal` (3, H, W) its unit normal into the gel.
     """
 
     t_x: Floats
@@ -257,6 +260,16 @@ class TractionMap:
     patches: tuple[Patch, ...] = ()
     patch_map: Cells | None = None
     could_hide_N: float = float("nan")
+    area_mm2: Floats | None = None
+    normal: Floats | None = None
+
+    @property
+    def pressure(self) -> Floats:
+        """Return the traction (H, W) along the surface's normal, MPa; without shear too."""
+        if self.normal is None:
+            return self.t_z
+        along = self.normal[2] * self.t_z + np.nan_to_num(self.normal[0] * self.t_x + self.normal[1] * self.t_y)
+        return np.asarray(np.where(np.isnan(self.t_x), self.t_z / self.normal[2], along))
 
     @property
     def wrench(self) -> Wrench:
@@ -267,7 +280,8 @@ class TractionMap:
     @property
     def nodal_N(self) -> Floats:
         """Return the force (3, H, W) of each node, N: traction times area."""
-        return np.stack([self.t_x, self.t_y, self.t_z]) * (self.mm_per_px[0] * self.mm_per_px[1])
+        area = self.mm_per_px[0] * self.mm_per_px[1] if self.area_mm2 is None else self.area_mm2
+        return np.stack([self.t_x, self.t_y, self.t_z]) * area
 
 
 # Flags of a height map as a whole, and what each of them means.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import radians, tan
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.records.measured import Pair, Picture
 from tactilevision.records.ranges import Ranged, check_ranges
 
@@ -15,37 +15,93 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
+FLAT = ("disc", "rectangle", "unbounded")
+Shape = Literal["disc", "rectangle", "unbounded", "dome", "cylinder", "curved", "wedge", "mesh"]
+
+
+@dataclass(frozen=True, slots=True)
+class GelLayer(Ranged):
+    """A layer of a gel: its modulus over that of the gel, and its Poisson's ratio, None for the gel's."""
+
+    thickness_mm: float
+    modulus_ratio: float = 1.0
+    poisson_ratio: float | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Gel:
-    """The gel pad, flat and bonded to a rigid base: thickness, outline and prior knowledge of its material.
+    """The gel, bonded to a rigid base: thickness at the picture's centre, shape, prior knowledge of its material.
 
-    A disc has `radius_mm`, a rectangle `size_mm` (x, y). Raises InputError for an outline without its size, and
-    for a shape that is not solved, such as a dome or a wedge.
+    The outline in the picture is round with `radius_mm`, or `size_mm` (x, y). `curvature_mm` is the radius of the
+    seen surface along x and along y; a dome has one, a cylinder is straight along its `axis`. The `base` follows
+    the surface at a constant thickness ("curved"), or is "flat". A wedge has `thickness_ends_mm` at its sides of
+    smaller and greater coordinate, and is straight along its `axis`. `layers` are listed from the seen surface
+    inward; the last one fills the rest. A "mesh" is read from the file `mesh` in `mesh_unit`, with the sets `seen`
+    and `bonded`.
+
+    Raises InputError for a shape without its size, or one that is not known.
     """
 
     thickness_mm: float
     thickness_std_mm: float = 0.0
-    shape: Literal["disc", "rectangle", "unbounded"] = "unbounded"
+    shape: Shape = "unbounded"
     radius_mm: float | None = None
     size_mm: Pair | None = None
     poisson_ratio: float | None = None
     poisson_ratio_std: float | None = None
     youngs_modulus_MPa: float | None = None
     youngs_modulus_std_MPa: float | None = None
+    curvature_mm: Pair | None = None
+    base: Literal["curved", "flat"] = "curved"
+    axis: Literal["x", "y"] = "y"
+    thickness_ends_mm: Pair | None = None
+    layers: tuple[GelLayer, ...] = ()
+    mesh: str | None = None
+    mesh_unit: Literal["mm", "m", "inch"] = "mm"
+    seen: str = "seen"
+    bonded: str = "bonded"
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        sizes = {"disc": ("radius_mm", self.radius_mm), "rectangle": ("size_mm", self.size_mm), "unbounded": None}
-        if self.shape not in sizes:
+        for name, known in (
+            ("base", ("curved", "flat")),
+            ("axis", ("x", "y")),
+            ("mesh_unit", ("mm", "m", "inch")),
+        ):
+            check_known(getattr(self, name), known, what=f"{name} is not known", where="gel")
+        missing = missing_size(self)
+        if missing:
+            raise InputError(missing, where="gel", value=self.shape)
+        if self.shape not in get_args(Shape):
             raise InputError(
                 "a gel of this shape is not solved",
                 where="gel",
                 value=self.shape,
-                remedy='Flat pads are: "disc", "rectangle" or "unbounded".',
+                remedy=f'Known are {", ".join(get_args(Shape))}; any other shape is a "mesh".',
             )
-        asked = sizes[self.shape]
-        if asked is not None and asked[1] is None:
-            raise InputError(f"a gel of this shape needs {asked[0]}", where="gel", value=self.shape)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it is one flat layer of one thickness and material."""
+        return self.shape in FLAT and not self.layers
+
+
+def missing_size(gel: Any) -> str:
+    """Return what a gel's shape needs and lacks, "" for nothing: of a Gel, or settings with its names."""
+    outline = (("radius_mm", "size_mm"),)
+    asked: Mapping[str, tuple[tuple[str, ...], ...]] = {
+        "disc": (("radius_mm",),),
+        "rectangle": (("size_mm",),),
+        "dome": (("curvature_mm",), *outline),
+        "cylinder": (("curvature_mm",), ("size_mm",)),
+        "curved": (("curvature_mm",), ("size_mm",)),
+        "wedge": (("thickness_ends_mm",), ("size_mm",)),
+        "mesh": (("mesh",),),
+    }
+    for names in asked.get(gel.shape, ()):
+        if all(getattr(gel, name) is None for name in names):
+            return f"a gel of this shape needs {' or '.join(names)}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from a point; places are on the untouched face, z = 0, so the lever of shear neg
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -124,13 +125,18 @@ class Patch:
         return (float(self.number), *wrench, *place, self.torsion_Nmm, self.torsion_std_Nmm, *shared)
 
 
-def patch_of(number: int, wrench: Wrench, *, area_mm2: float, depth_mm: float) -> Patch:
-    """Return the patch of a wrench about the pad's centre, N and N mm, with the place and torsion that follow."""
+def patch_of(
+    number: int, wrench: Wrench, *, area_mm2: float, depth_mm: float, place_mm: Sequence[float] | None = None
+) -> Patch:
+    """Return the patch of a wrench about the pad's centre, N and N mm, with the place and torsion that follow.
+
+    `place_mm` (3,) is the centre of pressure on a curved surface; on a flat one it follows from the wrench.
+    """
     fz, mx, my = wrench.force_N[2], wrench.moment_Nmm[0], wrench.moment_Nmm[1]
     if not fz > 0:
         nowhere = (math.nan, math.nan)
         return Patch(number, wrench, nowhere, nowhere, area_mm2, depth_mm, math.nan, math.nan)
-    x, y = -my / fz, mx / fz
+    x, y = (-my / fz, mx / fz) if place_mm is None else (place_mm[0], place_mm[1])
     assert wrench.covariance is not None
     slopes = np.array([[-x, 0.0, -1.0], [-y, 1.0, 0.0]]) / fz  # of (x, y) by (fz, mx, my)
     spread = np.sqrt(np.diag(slopes @ wrench.covariance[2:5, 2:5] @ slopes.T))

@@ -58,7 +58,8 @@ def test_depth_at_positions_of_the_untouched_gel_is_not_moved_once_more(field: F
 
 
 @pytest.mark.parametrize(
-    ("shape", "said"), [("dome", "not solved"), ("disc", "radius_mm"), ("rectangle", "size_mm")]
+    ("shape", "said"),
+    [("torus", "not solved"), ("dome", "curvature_mm"), ("disc", "radius_mm"), ("rectangle", "size_mm")],
 )
 def test_a_gel_that_is_not_solved_is_refused_and_not_taken_for_a_flat_layer(shape: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
