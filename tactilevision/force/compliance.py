@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 from scipy.linalg import lapack
-from scipy.ndimage import binary_fill_holes, label, maximum, uniform_filter
+from scipy.ndimage import binary_fill_holes
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import check_numbers
@@ -236,13 +236,13 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
 
 def _patches(deep: Bools, score: Floats, least: float) -> Cells:
     """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
-    deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
-    patches, count = label(deep)
-    if count == 0:
+    around = cv2.boxFilter(deep.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    deep = deep & (around >= CONTACT.cell_neighbours)
+    sure = deep & (score > least)
+    if not sure.any():
         return np.zeros(0, dtype=np.intp)
-    sure = maximum(score, patches, np.arange(count + 1)) > least
-    sure[0] = False
-    return np.flatnonzero(sure[patches])
+    patches = cv2.connectedComponents(deep.view(np.uint8), connectivity=4)[1]
+    return np.flatnonzero(np.bincount(patches[sure], minlength=int(patches.max()) + 1)[patches])
 
 
 def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
@@ -322,12 +322,12 @@ class Solution:
         The components' coupling (2 % of it) is neglected.
         """
         count, found = len(self.cells), np.empty_like(self.traction)
-        lower = np.tril(self.factor)
         for k in range(len(found)):
-            rows = lower[k * count : (k + 1) * count]
-            own, _ = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)
-            inverse = np.tril(lapack.dpotri(own, lower=1, overwrite_c=1)[0])
-            inverse = inverse + np.tril(inverse, -1).T
+            rows = self.factor[k * count : (k + 1) * count, : (k + 1) * count]
+            own = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)[0] if k else rows
+            inverse = lapack.dpotri(own, lower=1)[0]
+            inverse = inverse + inverse.T
+            inverse.flat[:: count + 1] /= 2
             full = inverse + self.subcell * (inverse @ inverse)
             found[k] = np.sqrt((full**2) @ std_mm[k * count : (k + 1) * count] ** 2)
         return found

@@ -30,7 +30,7 @@ from scipy.special import erf
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, median, quantile
 
 MIN_FAR = 50  # cells: fewer do not determine the noise of gel at rest
 SURE = 4.5  # deviations of a cell that is no noise, by the map's rises, which no contact makes so often
@@ -142,7 +142,7 @@ def assumed_noise(grid: NodeGrid, depth: Floats, stated: StatedStd | None, known
         shared = stated.total
     else:
         distance = from_contact(grid, depth / max(noise_of_cells(depth, known), TINY), known)
-        edge = np.quantile(distance[known], 0.75) if known.any() else 0.0
+        edge = quantile(distance[known], 0.75) if known.any() else 0.0
         shared = none + _size(depth[known & (distance >= edge)])
     return CellNoise(grid, none + noise_of_cells(depth, known), none, shared, 1.0)
 
@@ -180,7 +180,7 @@ def _scales(grid: NodeGrid, stated: StatedStd | None, far: Bools) -> tuple[Float
 
 def _size(values: Floats) -> float:
     """Return the robust size of values about zero, as a standard deviation; 0 of none."""
-    return float(MAD_TO_STD * np.median(np.abs(values))) if values.size else 0.0
+    return float(MAD_TO_STD * median(np.abs(values).ravel())) if values.size else 0.0
 
 
 def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
@@ -192,7 +192,7 @@ def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
     """
     if not known.any():
         return np.zeros(grid.shape)
-    rise = min(-float(np.quantile(pull[known], 0.16)), 1.0)
+    rise = min(-quantile(pull[known], 0.16), 1.0)
     deep = known & (pull > max(float(pull[known].max()) / 2, SURE * rise))
     if not deep.any():
         return np.full(grid.shape, np.inf)
