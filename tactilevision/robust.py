@@ -5,7 +5,8 @@ The standard deviation follows from the median absolute deviation, whose breakdo
     s = 1.4826 median |x - m|        consistent for normal numbers
 
 (Huber, Robust Statistics, 1981, 5.1). `median` and `quantile` are for the many small arrays of a frame, where
-numpy's own checks would take most of the time; they assume that there is no NaN. The others propagate NaN, as np.median does.
+numpy's own checks would take most of the time; they assume that there is no NaN. The others propagate NaN, as
+np.median does.
 """
 
 from __future__ import annotations

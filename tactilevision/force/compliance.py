@@ -252,22 +252,18 @@ def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
 
     The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
-    place, width = np.full(shape[0] * shape[1] + shape[1], -1), shape[1]
-    place[cells] = np.arange(len(cells))
-    right = np.where(cells % width < width - 1, place[cells + 1], -1)
-    first, other = np.concatenate(
-        [np.stack([place[cells], to])[:, to >= 0] for to in (right, place[cells + width])], 1
-    )
-    matrix = np.zeros((len(cells), len(cells)))
-    matrix[first, other] = matrix[other, first] = -0.25
-    matrix.flat[:: len(cells) + 1] = np.bincount(np.concatenate([first, other]), minlength=len(cells)) / 4
-    return matrix
+    place = cells + cells // shape[1]  # with a gap between rows
+    apart = np.abs(place[:, None] - place)
+    matrix = -0.25 * ((apart == 1) | (apart == shape[1] + 1))
+    matrix.flat[:: len(cells) + 1] = -matrix.sum(axis=1)
+    return np.asarray(matrix)
 
 
 def at_border(cells: Cells, usable: Bools) -> Bools:
     """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
     row, column = np.divmod(cells, usable.shape[1])
-    framed = np.pad(usable, 1)
+    framed = np.zeros((usable.shape[0] + 2, usable.shape[1] + 2), dtype=bool)
+    framed[1:-1, 1:-1] = usable
     around = framed[row, column + 1] & framed[row + 2, column + 1] & framed[row + 1, column]
     return np.asarray(~(around & framed[row + 1, column + 2] & framed[row + 1, column + 1]))
 
@@ -434,14 +430,17 @@ def unclipped(
 
 def _rms_guess(u: Floats, unit: float) -> Floats:
     """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
-    size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
-    return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
+    size = np.sqrt(_mean_square(u)) / (4 * unit)
+    return np.asarray(np.maximum(size, 1e-2 * size.max()) + TINY**2)
 
 
 def _rms(x: Floats, noise: Floats) -> Floats:
     """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
-    square = np.mean(x**2, axis=1)
-    return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)
+    return np.asarray(np.sqrt(np.maximum(_mean_square(x) - noise**2, noise**2 / 10)) + TINY**2)
+
+
+def _mean_square(x: Floats) -> Floats:
+    return np.asarray(np.einsum("kc,kc->k", x, x) / x.shape[1])
 
 
 # Force where nothing is known: beyond a border that cuts the contact, and in holes of the map.

@@ -77,7 +77,8 @@ def observe(
     known &= inside
     stated = _stated_std(grid, height, known)
     std = noise_of_cells(depth, known)
-    far = known & (from_contact(grid, depth / (max(std, TINY) if stated is None else stated.total), known) > away_mm)
+    pull = depth / (max(std, TINY) if stated is None else stated.total)
+    far = known & (from_contact(grid, pull, known) > away_mm)
     noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), (noise,), stated, far)

@@ -163,7 +163,7 @@ class Patches:
         for k, wrench in enumerate(wrenches):
             own = self.of_cells == k
             part = replace(self.found, cells=self.found.cells[own], traction=self.traction[:, own])
-            force = np.nan_to_num(wrench[:3])
+            force = np.where(np.isnan(wrench[:3]), 0.0, wrench[:3])
             square = (MODEL_STD * np.linalg.norm(force)) ** 2
             square[:2] += (MODEL_SHEAR * np.linalg.norm(force[:2])) ** 2
             square[2] += (FEW_CELLS * force[2] / self.sizes[k]) ** 2 + doubt_N[k] ** 2
@@ -214,7 +214,7 @@ def wrench_weights(grid: NodeGrid, cells: Cells, *, parts: int) -> Floats:
 
 def _levers(wrench: Floats) -> tuple[Floats, Floats]:
     """Return the change (6, 3) of a wrench (6,), N and N mm, by its force where it acts, and (6, 2) by place."""
-    fx, fy, fz = np.nan_to_num(wrench[:3])
+    fx, fy, fz = np.where(np.isnan(wrench[:3]), 0.0, wrench[:3])
     x, y = (-wrench[4] / fz, wrench[3] / fz) if fz > 0 else (0.0, 0.0)
     lever = np.vstack([np.eye(3), [[0, 0, y], [0, 0, -x], [-y, x, 0]]])
     moved = np.vstack([np.zeros((3, 2)), [[0, fz], [-fz, 0], [fy, -fx]]])
