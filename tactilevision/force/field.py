@@ -44,6 +44,7 @@ from tactilevision.force.compliance import (
 from tactilevision.force.nodes import Cells, NodeGrid, lay_grid
 from tactilevision.force.observe import Observation, observe, with_residual
 from tactilevision.force.patches import MODEL_DEEP, Patches, find_patches
+from tactilevision.force.slip import find_slip
 from tactilevision.force.unseen import Unseen
 from tactilevision.mechanics.profile import LIKELY_SHARE
 from tactilevision.records.constants import Z90
@@ -240,7 +241,10 @@ class ForceField:
             depth_mm=float(seen.displacement_mm[-1].ravel()[found.cells].max()),
             model_std_N=float(np.sqrt(model[:, 2, 2].sum())),
             patch_map=numbers,
-            patches=patches.records(wrenches, every),
+            patches=tuple(
+                replace(one, slip=slip)
+                for one, slip in zip(patches.records(wrenches, every), find_slip(patches, scale), strict=True)
+            ),
         )
 
     def _stiffening(self, patches: Patches) -> tuple[Floats, Floats]:
