@@ -47,13 +47,15 @@ def beside_the_sensor(recording: Recording, calibration: Path, out: Path) -> tup
     return force_folder(recording, job, clock_offset_s=read_clock_offset(calibration))
 
 
-def report(rows: Sequence[FrameForce], accepted: Sequence[str]) -> None:
-    """The table."""
+def report(
+    rows: Sequence[FrameForce], accepted: Sequence[str], reading_std_N: Sequence[float] | None = None
+) -> None:
+    """The table; the F/T sensor states `reading_std_N` (3,) of a reading."""
     free = [row for row in rows if row.read and abs(row.measured_N[2]) < FREE_N]
     pushed = np.array([row.resultant_N[2] for row in free])
     print(f"{len(free)} frames read below {FREE_N} N: {np.mean(pushed == 0):.0%} show no contact")
     print(f"    the largest force of the others, touched or not, {pushed.max():.3f} N")
-    left = residuals(rows)
+    left = residuals(rows, reading_std_N)
     assert left is not None
     good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > MIN_N)
     pull = left.residual_N[:, 2] / left.std_N[:, 2]
@@ -75,8 +77,9 @@ def main(arguments: Sequence[str]) -> None:
     path = Path(arguments[0]) if arguments else SAMPLE
     with tempfile.TemporaryDirectory() as folder:
         calibration = Path(arguments[1]) if len(arguments) > 1 else calibrated(path, Path(folder) / "calibration")
-        rows = beside_the_sensor(read_recording(path), calibration, Path(folder) / "out")
-        report(rows, json.loads(calibration.read_text())["presses_accepted"])
+        recording, accepted = read_recording(path), json.loads(calibration.read_text())["presses_accepted"]
+        rows = beside_the_sensor(recording, calibration, Path(folder) / "out")
+        report(rows, accepted, recording.force_std_N)
 
 
 def quick() -> None:
@@ -95,7 +98,7 @@ def quick() -> None:
     with tempfile.TemporaryDirectory() as folder:
         calibration = Path(folder) / "calibration.json"
         calibration.write_text(json.dumps(material | {"clock_offset_s": {"value": truth["clock_offset_s"]}}))
-        report(beside_the_sensor(few, calibration, Path(folder) / "out"), good)
+        report(beside_the_sensor(few, calibration, Path(folder) / "out"), good, few.force_std_N)
 
 
 if __name__ == "__main__":

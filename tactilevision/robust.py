@@ -4,8 +4,9 @@ The standard deviation follows from the median absolute deviation, whose breakdo
 
     s = 1.4826 median |x - m|        consistent for normal numbers
 
-(Huber, Robust Statistics, 1981, 5.1). `median` is for the many small arrays of a frame, where np.median's own
-checks would take most of the time; it assumes that there is no NaN. The others propagate NaN, as np.median does.
+(Huber, Robust Statistics, 1981, 5.1). `median` and `quantile` are for the many small arrays of a frame, where
+numpy's own checks would take most of the time; they assume that there is no NaN. The others propagate NaN, as
+np.median does.
 """
 
 from __future__ import annotations
@@ -29,6 +30,16 @@ def median(values: Array) -> Any:
     upper = count // 2
     ordered = np.sort(values, axis=-1)  # faster than np.partition
     return ordered[..., upper] if count % 2 else 0.5 * (ordered[..., upper - 1] + ordered[..., upper])
+
+
+def quantile(values: Floats, share: float) -> float:
+    """Return the quantile of `values` (n,), in their unit, below which a `share` of them lies, as np.quantile.
+
+    Assumes at least one value, and no NaN.
+    """
+    ordered, at = np.sort(values), share * (values.size - 1)
+    low = int(at)
+    return float(ordered[low] + (at - low) * (ordered[min(low + 1, values.size - 1)] - ordered[low]))
 
 
 def mad_std(values: Array, *, centre: float | None = None) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 from scipy.linalg import lapack
-from scipy.ndimage import binary_fill_holes, label, maximum, uniform_filter
+from scipy.ndimage import binary_fill_holes
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import check_numbers
@@ -256,13 +256,13 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
 
 def _patches(deep: Bools, score: Floats, least: float) -> Cells:
     """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
-    deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
-    patches, count = label(deep)
-    if count == 0:
+    around = cv2.boxFilter(deep.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    deep = deep & (around >= CONTACT.cell_neighbours)
+    sure = deep & (score > least)
+    if not sure.any():
         return np.zeros(0, dtype=np.intp)
-    sure = maximum(score, patches, np.arange(count + 1)) > least
-    sure[0] = False
-    return np.flatnonzero(sure[patches])
+    patches = cv2.connectedComponents(deep.view(np.uint8), connectivity=4)[1]
+    return np.flatnonzero(np.bincount(patches[sure], minlength=int(patches.max()) + 1)[patches])
 
 
 def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
@@ -272,22 +272,18 @@ def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
 
     The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
-    place, width = np.full(shape[0] * shape[1] + shape[1], -1), shape[1]
-    place[cells] = np.arange(len(cells))
-    right = np.where(cells % width < width - 1, place[cells + 1], -1)
-    first, other = np.concatenate(
-        [np.stack([place[cells], to])[:, to >= 0] for to in (right, place[cells + width])], 1
-    )
-    matrix = np.zeros((len(cells), len(cells)))
-    matrix[first, other] = matrix[other, first] = -0.25
-    matrix.flat[:: len(cells) + 1] = np.bincount(np.concatenate([first, other]), minlength=len(cells)) / 4
-    return matrix
+    place = cells + cells // shape[1]  # with a gap between rows
+    apart = np.abs(place[:, None] - place)
+    matrix = -0.25 * ((apart == 1) | (apart == shape[1] + 1))
+    matrix.flat[:: len(cells) + 1] = -matrix.sum(axis=1)
+    return np.asarray(matrix)
 
 
 def at_border(cells: Cells, usable: Bools) -> Bools:
     """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
     row, column = np.divmod(cells, usable.shape[1])
-    framed = np.pad(usable, 1)
+    framed = np.zeros((usable.shape[0] + 2, usable.shape[1] + 2), dtype=bool)
+    framed[1:-1, 1:-1] = usable
     around = framed[row, column + 1] & framed[row + 2, column + 1] & framed[row + 1, column]
     return np.asarray(~(around & framed[row + 1, column + 2] & framed[row + 1, column + 1]))
 
@@ -342,12 +338,12 @@ class Solution:
         The components' coupling (2 % of it) is neglected.
         """
         count, found = len(self.cells), np.empty_like(self.traction)
-        lower = np.tril(self.factor)
         for k in range(len(found)):
-            rows = lower[k * count : (k + 1) * count]
-            own, _ = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)
-            inverse = np.tril(lapack.dpotri(own, lower=1, overwrite_c=1)[0])
-            inverse = inverse + np.tril(inverse, -1).T
+            rows = self.factor[k * count : (k + 1) * count, : (k + 1) * count]
+            own = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)[0] if k else rows
+            inverse = lapack.dpotri(own, lower=1)[0]
+            inverse = inverse + inverse.T
+            inverse.flat[:: count + 1] /= 2
             full = inverse + self.subcell * (inverse @ inverse)
             found[k] = np.sqrt((full**2) @ std_mm[k * count : (k + 1) * count] ** 2)
         return found
@@ -454,14 +450,17 @@ def unclipped(
 
 def _rms_guess(u: Floats, unit: float) -> Floats:
     """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
-    size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
-    return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
+    size = np.sqrt(_mean_square(u)) / (4 * unit)
+    return np.asarray(np.maximum(size, 1e-2 * size.max()) + TINY**2)
 
 
 def _rms(x: Floats, noise: Floats) -> Floats:
     """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
-    square = np.mean(x**2, axis=1)
-    return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)
+    return np.asarray(np.sqrt(np.maximum(_mean_square(x) - noise**2, noise**2 / 10)) + TINY**2)
+
+
+def _mean_square(x: Floats) -> Floats:
+    return np.asarray(np.einsum("kc,kc->k", x, x) / x.shape[1])
 
 
 # Force where nothing is known: beyond a border that cuts the contact, and in holes of the map.

@@ -45,6 +45,7 @@ from tactilevision.force.mesh_compliance import MeshCompliance
 from tactilevision.force.nodes import Cells, NodeGrid, cell_means, lay_grid
 from tactilevision.force.observe import Observation, observe, with_residual
 from tactilevision.force.patches import MODEL_DEEP, Patches, find_patches
+from tactilevision.force.slip import find_slip
 from tactilevision.force.unseen import Unseen
 from tactilevision.gel.surface import SurfaceCells
 from tactilevision.mechanics.profile import LIKELY_SHARE
@@ -250,7 +251,10 @@ class ForceField:
             depth_mm=float(seen.displacement_mm[-1].ravel()[found.cells].max()),
             model_std_N=float(np.sqrt(model[:, 2, 2].sum())),
             patch_map=numbers,
-            patches=patches.records(wrenches, every),
+            patches=tuple(
+                replace(one, slip=slip)
+                for one, slip in zip(patches.records(wrenches, every), find_slip(patches, scale), strict=True)
+            ),
         )
 
     def _stiffening(self, patches: Patches) -> tuple[Floats, Floats]:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.mechanics.kappa import kappa_at
+from tactilevision.mechanics.punch_equation import check_range
 from tactilevision.records.measured import Floats
 
 WIDEST = 3  # largest a/h: kappa's table ends there
@@ -32,7 +33,9 @@ def patch_factor(
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
     thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)
     wider = radius_mm * (1 + np.clip(stretch, -0.5, 0.5) / 2)
-    now, before = (np.minimum(a / h, WIDEST) for a, h in ((wider, thinner), (radius_mm, thickness_mm)))
+    ratios = np.minimum(np.stack([wider / thinner, radius_mm / thickness_mm]), WIDEST)
+    check_range(poisson_ratio, ratios, where="patch_factor")
+    now, before = kappa_at(poisson_ratio, ratios)
     strained = 1 + STRAINED * depth**2 / (radius_mm**2 + thickness_mm**2)
-    ratio = wider * fast_kappa(poisson_ratio, now) / (radius_mm * fast_kappa(poisson_ratio, before))
+    ratio = wider * now / (radius_mm * before)
     return np.asarray(strained * ratio, dtype=np.float64)

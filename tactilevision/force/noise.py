@@ -12,8 +12,9 @@ of the integral of its autocorrelation over the plane,
 so that its mean over an area A, wide against l, has the variance s^2 l^2/A. White noise of pixels has l = 1 px.
 
 Of depth, white and slow part and l are fitted to the autocovariance of untouched cells, each depth divided by the
-deviation that the map states there. The zero of a map is known, so no mean is removed. Where the stated deviation
-exceeds that of untouched gel, as by the uncertain scale of a deep contact, the excess is shared by the contact.
+deviation that the map states for untouched gel there. The zero of a map is known, so no mean is removed. What the
+map states beyond that is shared by the contact: errors of the depth's scale (2 % of the depth, usually), of the
+zero plane and of the light do not show where the gel is untouched, and are alike under one contact.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from scipy.special import erf
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, median, quantile
 
 MIN_FAR = 50  # cells: fewer do not determine the noise of gel at rest
 SURE = 4.5  # deviations of a cell that is no noise, by the map's rises, which no contact makes so often
@@ -77,6 +78,27 @@ class CellNoise:
         return np.asarray(found)
 
 
+@dataclass(frozen=True, slots=True)
+class StatedStd:
+    """Deviations (rows, columns), mm, that a map states: in `total`, and of `untouched` gel at the same place.
+
+    `untouched` None: not stated; then that of gel far from the contact stands for it.
+    """
+
+    total: Floats
+    untouched: Floats | None = None
+
+    @property
+    def own(self) -> Floats:
+        """Return the deviation of which untouched gel shows the size, up to a factor."""
+        return self.total if self.untouched is None else self.untouched
+
+    def shared(self, far: Bools) -> Floats:
+        """Return the deviation that a contact shares, by the total's excess over untouched gel."""
+        here = np.mean(self.total[far] ** 2) if self.untouched is None else self.untouched**2
+        return np.sqrt(np.maximum(self.total**2 - here, 0.0))
+
+
 def stated_noise(std_mm: float, length_mm: float, grid: NodeGrid) -> CellNoise:
     """Return the noise of cells where each pixel has `std_mm` and the correlation length `length_mm`.
 
@@ -89,40 +111,40 @@ def stated_noise(std_mm: float, length_mm: float, grid: NodeGrid) -> CellNoise:
     return CellNoise(grid, none, none + cell_mm, none, length_mm)
 
 
-def measured_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools) -> CellNoise | None:
+def measured_noise(grid: NodeGrid, depth: Floats, stated: StatedStd | None, far: Bools) -> CellNoise | None:
     """Measure the noise of cells' depths (rows, columns), mm, on those `far` from a contact.
 
-    `stated` (rows, columns) mm is the deviation of a pixel there, up to a factor; None: alike everywhere. None
-    with fewer than MIN_FAR such cells.
+    `stated` None: alike everywhere. None with fewer than MIN_FAR such cells.
     """
     if np.count_nonzero(far) < MIN_FAR:
         return None
-    scale = np.ones(grid.shape) if stated is None else stated
+    scale, shared = _scales(grid, stated, far)
     pull = depth / scale
     limit = CLIP * _size(pull[far])
     white, slow, length = _fitted(np.clip(pull, -limit, limit), far)
-    return CellNoise(grid, white * scale, slow * scale, _excess(scale, far), length * grid.spacing_mm)
+    return CellNoise(grid, white * scale, slow * scale, shared, length * grid.spacing_mm)
 
 
-def rough_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, far: Bools) -> CellNoise | None:
+def rough_noise(grid: NodeGrid, depth: Floats, stated: StatedStd | None, far: Bools) -> CellNoise | None:
     """Return noise (rows, columns) mm of the right size, of which no more is known; else as `measured_noise`."""
     if np.count_nonzero(far) < MIN_FAR:
         return None
-    scale = np.ones(grid.shape) if stated is None else stated
-    none = np.zeros(grid.shape)
-    return CellNoise(grid, _size(depth[far] / scale[far]) * scale, none, _excess(scale, far), 1.0)
+    scale, shared = _scales(grid, stated, far)
+    return CellNoise(grid, _size(depth[far] / scale[far]) * scale, np.zeros(grid.shape), shared, 1.0)
 
 
-def assumed_noise(grid: NodeGrid, depth: Floats, stated: Floats | None, known: Bools) -> CellNoise:
+def assumed_noise(grid: NodeGrid, depth: Floats, stated: StatedStd | None, known: Bools) -> CellNoise:
     """Return the noise (rows, columns) of a map without enough untouched gel: a contact shares the stated
     deviation (mm), or else the size of the depths that are farthest from it.
     """
     none = np.zeros(grid.shape)
-    if stated is None:
+    if stated is not None:
+        shared = stated.total
+    else:
         distance = from_contact(grid, depth / max(noise_of_cells(depth, known), TINY), known)
-        edge = np.quantile(distance[known], 0.75) if known.any() else 0.0
-        stated = none + _size(depth[known & (distance >= edge)])
-    return CellNoise(grid, none + noise_of_cells(depth, known), none, stated, 1.0)
+        edge = quantile(distance[known], 0.75) if known.any() else 0.0
+        shared = none + _size(depth[known & (distance >= edge)])
+    return CellNoise(grid, none + noise_of_cells(depth, known), none, shared, 1.0)
 
 
 def noise_of_cells(depth: Floats, known: Bools) -> float:
@@ -151,14 +173,14 @@ def _averaged(length: float, count: int) -> Floats:
     return np.asarray(np.diff(twice, 2))
 
 
-def _excess(scale: Floats, far: Bools) -> Floats:
-    """Return by what the deviations (rows, columns) exceed that of `far` cells, in their unit."""
-    return np.sqrt(np.maximum(scale**2 - np.mean(scale[far] ** 2), 0.0))
+def _scales(grid: NodeGrid, stated: StatedStd | None, far: Bools) -> tuple[Floats, Floats]:
+    """Return the deviation (rows, columns) of untouched gel up to a factor, and the shared one, mm."""
+    return (np.ones(grid.shape), np.zeros(grid.shape)) if stated is None else (stated.own, stated.shared(far))
 
 
 def _size(values: Floats) -> float:
     """Return the robust size of values about zero, as a standard deviation; 0 of none."""
-    return float(MAD_TO_STD * np.median(np.abs(values))) if values.size else 0.0
+    return float(MAD_TO_STD * median(np.abs(values).ravel())) if values.size else 0.0
 
 
 def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
@@ -170,7 +192,7 @@ def from_contact(grid: NodeGrid, pull: Floats, known: Bools) -> Floats:
     """
     if not known.any():
         return np.zeros(grid.shape)
-    rise = min(-float(np.quantile(pull[known], 0.16)), 1.0)
+    rise = min(-quantile(pull[known], 0.16), 1.0)
     deep = known & (pull > max(float(pull[known].max()) / 2, SURE * rise))
     if not deep.any():
         return np.full(grid.shape, np.inf)

@@ -14,6 +14,7 @@ from tactilevision.errors import InputError
 from tactilevision.force.nodes import Array, NodeGrid, cell_means
 from tactilevision.force.noise import (
     CellNoise,
+    StatedStd,
     assumed_noise,
     from_contact,
     measured_noise,
@@ -38,15 +39,14 @@ SAME_SCALE = MILLI  # relative difference of mm per pixel between two maps of on
 class Observation:
     """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each, by the difference of
     neighbours; `known` cells; `flags`; the `noise` of each component, that of depth without its correlation;
-    `stated_mm` (rows, columns), the deviation of depth that the map states, or None; `far` (rows, columns) from a
-    contact."""
+    `stated`, the deviation of depth that the map states, or None; `far` (rows, columns) from a contact."""
 
     displacement_mm: Floats
     std_mm: Floats
     known: Bools
     flags: tuple[str, ...]
     noise: tuple[CellNoise, ...]
-    stated_mm: Floats | None
+    stated: StatedStd | None
     far: Bools
 
     @cached_property
@@ -88,7 +88,8 @@ def observe(
         *fields, depth = _along(surface, fields, depth, moved=height.positions == "deformed")
     stated = _stated_std(grid, height, known)
     std = noise_of_cells(depth, known)
-    far = known & (from_contact(grid, depth / (max(std, TINY) if stated is None else stated), known) > away_mm)
+    pull = depth / (max(std, TINY) if stated is None else stated.total)
+    far = known & (from_contact(grid, pull, known) > away_mm)
     noise = rough_noise(grid, depth, stated, far) or assumed_noise(grid, depth, stated, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), (noise,), stated, far)
@@ -114,7 +115,7 @@ def _along(surface: SurfaceCells, shear: list[Floats], depth: Floats, *, moved: 
 
 def with_residual(seen: Observation, left_mm: Floats, far: Bools) -> Observation:
     """Return it with the noise of what a solution leaves of the depth (rows, columns), mm, at `far` cells."""
-    noise = measured_noise(seen.noise[-1].grid, left_mm, seen.stated_mm, far)
+    noise = measured_noise(seen.noise[-1].grid, left_mm, seen.stated, far)
     return seen if noise is None else replace(seen, noise=(*seen.noise[:-1], noise))
 
 
@@ -138,11 +139,17 @@ def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Arra
     return moved, there.astype(bool)
 
 
-def _stated_std(grid: NodeGrid, height: HeightMap, known: Bools) -> Floats | None:
-    """Return the map's own deviation (rows, columns) at the cells' middles, mm; None if it states none."""
+def _stated_std(grid: NodeGrid, height: HeightMap, known: Bools) -> StatedStd | None:
+    """Return the map's own deviation at the cells' middles; None if it states none."""
     if height.std_mm is None:
         return None
-    at_cells = np.asarray(height.std_mm[_centres(grid)], dtype=np.float64)
+    free = height.untouched_std_mm
+    return StatedStd(_at_cells(grid, height.std_mm, known), None if free is None else _at_cells(grid, free, known))
+
+
+def _at_cells(grid: NodeGrid, std_mm: Array, known: Bools) -> Floats:
+    """Return deviations (H, W) at the cells' middles (rows, columns), mm, the median where there is none."""
+    at_cells = np.asarray(std_mm[_centres(grid)], dtype=np.float64)
     finite = np.isfinite(at_cells)
     if not finite.all():
         at_cells[~finite] = np.median(at_cells[known]) if known.any() else 0.0

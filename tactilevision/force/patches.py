@@ -190,7 +190,7 @@ class Patches:
         for k, wrench in enumerate(wrenches):
             own, frame = self.of_cells == k, self.frame(k)
             part = replace(self.found, cells=self.found.cells[own], traction=self.traction[:, own])
-            force = frame @ np.nan_to_num(wrench[:3])
+            force = frame @ np.where(np.isnan(wrench[:3]), 0.0, wrench[:3])
             square = (MODEL_STD * np.linalg.norm(force)) ** 2
             square[:2] += (MODEL_SHEAR * np.linalg.norm(force[:2])) ** 2
             square[2] += (FEW_CELLS * force[2] / self.sizes[k]) ** 2 + doubt_N[k] ** 2
@@ -258,7 +258,7 @@ def wrench_weights(compliance: Compliance, cells: Cells, *, parts: int) -> Float
 
 def _levers(wrench: Floats, place: Floats | None) -> tuple[Floats, Floats]:
     """Return the change (6, 3) of a wrench (6,), N and N mm, by its force where it acts, and (6, 2) by place."""
-    fx, fy, fz = np.nan_to_num(wrench[:3])
+    fx, fy, fz = np.where(np.isnan(wrench[:3]), 0.0, wrench[:3])
     x, y, z = (-wrench[4] / fz, wrench[3] / fz, 0.0) if fz > 0 else (0.0, 0.0, 0.0)
     if place is not None:
         x, y, z = place

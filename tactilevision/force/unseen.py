@@ -30,6 +30,7 @@ from tactilevision.force.noise import likeness
 from tactilevision.force.observe import Observation
 from tactilevision.records.constants import TINY, Z90
 from tactilevision.records.measured import Floats
+from tactilevision.robust import median
 
 Waves = npt.NDArray[np.complexfloating]
 FLOOR = 0.3  # of the variance: least power that a filter divides by, since templates are not exact
@@ -66,17 +67,15 @@ class Unseen:
         white, slow, shared = (float(np.mean((one / std)[known] ** 2)) for one in parts)
         alike = _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
         power = np.asarray(white + slow * alike, dtype=np.float32)
-        divided, typical = np.maximum(power, FLOOR), float(np.median(weight[known]))
+        divided, typical = np.maximum(power, FLOOR), float(median(weight[known]))
         filters = np.stack([1 / divided, power / divided**2, np.ones_like(power)])
         gain, square, norm = filters.reshape(3, -1) @ self._power.T
         whole = np.abs(self._waves[0][:, 0, 0]) / divided[0, 0]
         spread = np.sqrt(square + shared * whole**2)
         pair = np.stack([weight * seen.displacement_mm[-1], weight]).astype(np.float32) / np.float32(typical)
         spectra = fft.rfft2(pair, self._shape)
-        fitted, square = (
-            fft.irfft2(one * form, self._shape)[:, :rows, :columns]
-            for one, form in zip((spectra[0] / divided, spectra[1]), self._waves, strict=True)
-        )
+        both = np.stack([spectra[0] / divided, spectra[1]])[:, None] * self._waves
+        fitted, square = fft.irfft2(both, self._shape)[..., :rows, :columns]
         share = square / norm[:, None, None]
         usable, share = share > SEEN_SHARE, np.maximum(share, FLOOR)
         depth_mm = np.maximum(fitted / (gain[:, None, None] * share), 0.0)
@@ -107,14 +106,14 @@ class Unseen:
         return rows, columns
 
     @cached_property
-    def _waves(self) -> tuple[Waves, Waves]:
-        """Return the conjugate transforms (templates, ky, kx) of the templates and of their squares."""
+    def _waves(self) -> Waves:
+        """Return the conjugate transforms (2, templates, ky, kx) of the templates and of their squares."""
         placed = np.zeros((len(self.templates), *self._shape), dtype=np.float32)
         for to, one in zip(placed, self.templates, strict=True):
             half = len(one.depth) // 2
             to[: len(one.depth), : len(one.depth)] = one.depth
             to[:] = np.roll(to, (-half, -half), axis=(0, 1))
-        return np.conj(fft.rfft2(placed)), np.conj(fft.rfft2(placed**2))
+        return np.asarray(np.conj(fft.rfft2(np.stack([placed, placed**2]))))
 
     @cached_property
     def _power(self) -> Floats:

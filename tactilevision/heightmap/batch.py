@@ -227,6 +227,7 @@ class BatchReader:
                 frame.name,
                 flags,
                 colour_change=drift.normalised_residual,
+                untouched_std_mm=self.error.untouched_std_mm,
             )
         if rgb is None:
             seen = replace(seen, rgb=self.reconstructor.rectified(frame))

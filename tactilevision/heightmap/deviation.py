@@ -131,6 +131,11 @@ class DepthError:
         return self._in_pixels[shape]
 
     @cached_property
+    def untouched_std_mm(self) -> Picture:
+        """Return the deviation (H, W) mm of untouched gel, a part of `std_mm`: not to be modified."""
+        return np.asarray(cv2.resize(np.sqrt(self.free_mm2), self.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    @cached_property
     def drift(self) -> DriftError:
         """Return the response of depth to the drift of the light."""
         return DriftError(self.method, self.mm_per_px)

@@ -217,6 +217,7 @@ class Reconstructor:
             self._flags(surface, found),
             colour_change=frame.drift.normalised_residual if frame else None,
             inconsistent=found.inconsistent if found else None,
+            untouched_std_mm=None if error is None else error.untouched_std_mm,
         )
         return Reading(height, surface, found, error)
 

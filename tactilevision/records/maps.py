@@ -98,6 +98,8 @@ class HeightMap(Displayed):
 
     `depth_mm` (H, W), positive into the gel; `valid` (H, W): False where the depth is unknown, which is not 0;
     `mm_per_px` (x, y); `std_mm` (H, W), None if the method gives none. `flags` are keys of MEANING.
+    `untouched_std_mm` (H, W) is the part of it that untouched gel shows; the rest is shared by a whole contact:
+    the scale of its depth, its zero, the light.
 
     `colour_change` (h, w), one per block of the picture, is the difference of its colours from those of untouched
     gel in the present light, in standard deviations of noise. `inconsistent` (h, w), one per cell, is True where
@@ -118,6 +120,7 @@ class HeightMap(Displayed):
     positions: Positions = "deformed"
     colour_change: Array | None = None
     inconsistent: Bools | None = None
+    untouched_std_mm: Array | None = None
 
     def __post_init__(self) -> None:
         if self.positions not in get_args(Positions):

@@ -28,6 +28,7 @@ PAIRS = tuple((i, j) for i in range(6) for j in range(i + 1, 6))
 PATCH_COLUMNS = (
     *("patch", *COMPONENTS, *STDS, "x_mm", "y_mm", "x_std_mm", "y_std_mm", "area_mm2", "depth_mm"),
     *("torsion_Nmm", "torsion_std_Nmm", *(f"cov_{AXES[i]}_{AXES[j]}" for i, j in PAIRS)),
+    *("friction", "friction_std", "load_share", "load_share_std", "margin_N", "lagging_cells", "slipping"),
 )
 
 
@@ -97,12 +98,48 @@ def _changed(change: Floats, values: Floats, covariance: Floats) -> tuple[Floats
 
 
 @dataclass(frozen=True, slots=True)
+class Slip:
+    """How near a patch is to sliding.
+
+    `friction` mu; `load_share` (Q/P)/mu, 1 where all slides; each with the deviation by the noise of shear;
+    `margin_N` the tangential force that is left, mu P - Q; `lagging` cells behind the part that sticks. NaN where
+    too few cells lag: nothing tells friction. `imminent`: the share exceeds .75. `why` states what hinders; then
+    `lagging` counts nothing.
+    """
+
+    friction: float = math.nan
+    friction_std: float = math.nan
+    load_share: float = math.nan
+    load_share_std: float = math.nan
+    margin_N: float = math.nan
+    lagging: int = 0
+    imminent: bool = False
+    why: str = ""
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """Return the values of the last columns of PATCH_COLUMNS, in their units; NaN for what these data cannot
+        tell.
+        """
+        counted = (math.nan, math.nan) if self.why else (float(self.lagging), float(self.imminent))
+        return (
+            self.friction,
+            self.friction_std,
+            self.load_share,
+            self.load_share_std,
+            self.margin_N,
+            *counted,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Patch:
     """One contact patch.
 
     `number` identifies it over the frames of a stream or recording. `wrench` is about the pad's centre;
     `centre_mm` (x, y) the centre of pressure, (-my, mx) / fz, with its standard deviation; `area_mm2` of the
     pressed cells; `depth_mm` their mean depth; `torsion_Nmm` the moment about z through the centre of pressure.
+    `slip` is None where shear was not measured.
     """
 
     number: int
@@ -113,6 +150,7 @@ class Patch:
     depth_mm: float
     torsion_Nmm: float
     torsion_std_Nmm: float
+    slip: Slip | None = None
 
     @property
     def row(self) -> tuple[float, ...]:
@@ -122,7 +160,8 @@ class Patch:
         place = (*self.centre_mm, *self.centre_std_mm, self.area_mm2, self.depth_mm)
         shared = (float(spread[pair]) for pair in PAIRS)
         wrench = (*own.force_N, *own.moment_Nmm, *own.force_std_N, *own.moment_std_Nmm)
-        return (float(self.number), *wrench, *place, self.torsion_Nmm, self.torsion_std_Nmm, *shared)
+        slip = (self.slip or Slip(why="shear not measured")).row
+        return (float(self.number), *wrench, *place, self.torsion_Nmm, self.torsion_std_Nmm, *shared, *slip)
 
 
 def patch_of(

@@ -63,3 +63,13 @@ def test_a_hole_of_the_map_beside_a_contact_does_not_cut_it_but_may_hide_force(f
     assert holed.resultant_std_N[2] > whole.resultant_std_N[2]
     holes[42:49, 68:] = False
     assert CUT in field(replace(height, valid=holes)).flags, "what is open to the border is no hole"
+
+
+def test_an_uncertain_depth_scale_counts_though_dark_corners_are_noisier(field: ForceField) -> None:
+    height = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.6)), std_mm=1e-5)[0]
+    corners = replace(height, std_mm=stated_mm(), untouched_std_mm=stated_mm())
+    uncertain = replace(corners, std_mm=np.hypot(stated_mm(), 0.03 * height.depth_mm))
+    sure, unsure = field(corners), field(uncertain)
+    assert unsure.resultant_N[2] == pytest.approx(sure.resultant_N[2], rel=1e-3)
+    gain = np.sqrt(unsure.resultant_std_N[2] ** 2 - sure.resultant_std_N[2] ** 2) / unsure.resultant_N[2]
+    assert gain == pytest.approx(0.03, rel=0.15)

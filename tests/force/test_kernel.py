@@ -10,7 +10,7 @@ from tactilevision.errors import InputError
 from tactilevision.force.compliance import candidate_cells, roughness
 from tactilevision.force.kernel import layer_cells
 from tactilevision.force.nodes import NodeGrid, cell_means, lay_grid
-from tactilevision.force.noise import CellNoise, measured_noise, stated_noise
+from tactilevision.force.noise import CellNoise, StatedStd, measured_noise, stated_noise
 from tactilevision.force.observe import Observation
 from tactilevision.records.measured import Bools, Floats
 
@@ -62,7 +62,7 @@ def test_the_noise_of_a_mean_follows_from_its_correlation_length(length_mm: floa
     stated, area = stated_noise(0.01, length_mm, grid), square * grid.cell_mm2
     assert stated.total[0, 0] == pytest.approx(depth.std(), rel=0.08)
     assert stated.propagate(mean, every)[0, 0] == pytest.approx(0.01**2 * length_mm**2 / area, rel=0.05)
-    found = measured_noise(grid, depth, np.full(grid.shape, 0.02), known)
+    found = measured_noise(grid, depth, StatedStd(np.full(grid.shape, 0.02)), known)
     assert found is not None
     few = np.flatnonzero(np.hypot(*np.meshgrid(grid.x_mm, grid.y_mm)) < 2.5)
     total = [one.propagate(np.ones((1, len(few))), few)[0, 0] for one in (found, stated)]
