@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check lint types bench bench-speed blind slow faults fuzz digest docs clean
+.PHONY: demo test check lint types bench bench-speed blind slow faults fuzz digest docs walks clean
 
 .venv/.ok: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -57,6 +57,10 @@ digest: .venv/.ok
 docs: .venv/.ok
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
 	$(BIN)/python docs/check_links.py docs/_build
+
+# Numbers and pictures of the walks, as their commands give them now (docs/fill.py).
+walks: .venv/.ok
+	$(BIN)/python docs/fill.py
 
 clean:
 	rm -rf .venv build dist docs/_build docs/gallery demo_out

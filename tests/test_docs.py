@@ -9,6 +9,7 @@ import json
 import re
 import runpy
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -177,3 +178,33 @@ def test_the_format_names_every_key_of_a_calibration() -> None:
     content = json.loads((calibrated_points() / "calibration.json").read_text())
     missing = [key for key in content if f"`{key}`" not in told]
     assert missing == []
+
+
+FILL = runpy.run_path(str(DOCS / "fill.py"))
+NUMBERS: dict[str, list[Any]] = FILL["stated"]()
+DIGEST = json.loads((ROOT / "tests" / "digest.json").read_text())["cases"]
+
+
+@each("page", list(NUMBERS))
+def test_a_page_has_its_numbers_where_they_are_stated(page: str) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert len(list(FILL["places"](text, NUMBERS[page]))) == len(NUMBERS[page])
+
+
+def of_the_digest(number: Any) -> Any:
+    """The value that the command gave when it was last recorded, if it was."""
+    walk, _, file = number.file.partition("/")
+    command = "diagnose" if file.startswith("diagnosis") else "compare"
+    kept = DIGEST.get(f"{command} {walk}", {})
+    name = f"{file.rpartition('/')[2]}.{number.key}"
+    listed, _, at = name.rpartition(".")
+    if at.isdigit() and listed in kept:
+        return float(kept[listed][int(at)])
+    return kept.get(name)
+
+
+def test_numbers_of_the_pages_are_those_of_the_digest() -> None:
+    known = [(one, of_the_digest(one)) for page in NUMBERS.values() for one in page]
+    compared = [(one.text, one.filled(lambda *_, v=value: v).text) for one, value in known if value is not None]
+    assert len(compared) > len(known) / 2
+    assert [(stands, is_now) for stands, is_now in compared if stands != is_now] == []

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from calibration.diagnosis.covariates import DEPTH_BINS, press_trends, seen_covariates
 from calibration.diagnosis.score_test import Scored
@@ -19,7 +20,7 @@ from calibration.inputs.observations import Observations
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import TAILS95
 from tactilevision.records.measured import Floats
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
@@ -105,12 +106,16 @@ def strip_of(
     p: tuple[float, ...] = (),
     trend: tuple[float, ...] = (),
 ) -> Strip:
-    """Return residuals (m, N), N, in bins of a covariate."""
+    """Return residuals (m, N), N, in bins of a covariate, with 95 % intervals of the bins' means.
+
+    Readings of one press err together, so an interval counts presses: with S_p the sum of a press's deviations
+    from the mean of its bin, n readings and G presses, std = sqrt(G / (G - 1) sum S_p^2) / n, times Student's t;
+    NaN for a bin of one press. Source: Cameron and Miller, J. Hum. Resour. 50 (2015) 317.
+    """
     number = bins(covariate, DEPTH_BINS if covariate.name in DEPTHS else BINS)
     rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
-    count = np.array([row.size for row in rows])
     mean = np.array([[one[row].mean() for row in rows] for one in residual_N])
-    spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in residual_N])
+    reach = [[_reach95(one[row], data.press[row]) for row in rows] for one in residual_N]
     return Strip(
         name=covariate.name,
         words=wording.covariate(covariate.name),
@@ -119,10 +124,21 @@ def strip_of(
         values=covariate.values,
         centre=np.array([covariate.values[row].mean() for row in rows]),
         mean_N=mean,
-        reach95_N=Z95 * spread / np.sqrt(count),
+        reach95_N=np.array(reach),
         p_adjusted=p,
         p_trend=trend,
     )
+
+
+def _reach95(residual: Floats, press: npt.NDArray[np.int_]) -> float:
+    from scipy.special import stdtrit
+
+    _, number = np.unique(press, return_inverse=True)
+    sums = np.bincount(number, residual - residual.mean())
+    if sums.size < 2:
+        return float("nan")
+    std = np.sqrt(sums.size / (sums.size - 1) * np.sum(sums**2)) / residual.size
+    return float(stdtrit(sums.size - 1, TAILS95[1]) * std)
 
 
 def levels(name: str, data: Observations) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 LINE = 40  # characters of a title next to another picture's
 FLAT_MM = 0.02  # no contours are drawn of depths below: they would trace noise
 VIEW = {"elev": 48, "azim": -62}  # degrees: from where a surface in perspective is seen
+FACETS = 1.5  # of a surface in perspective over which it is smoothed (standard deviation)
 RELIEF = 0.25  # height of a surface in perspective, as a share of its width
 
 
@@ -119,7 +120,7 @@ def draw_surface(height: HeightMap) -> Figure:
     axes = Axes3D(figure, rect=(0, 0, 1, 1 - LOOK.room / 2))  # above it is room for the title
     figure.add_axes(axes)
     depth = known_mm(height)
-    scale = relief(axes, depth, height.mm_per_px, most=160, limits=colour_limits(depth))
+    scale = relief(axes, depth, height.mm_per_px, most=240, limits=colour_limits(depth))
     words = titled(height, "surface", between=" · ")
     axes.set_title(f"{words}   vertical scale × {scale:.0f}", loc="left")
     axes.view_init(**VIEW)
@@ -137,7 +138,7 @@ def relief(
 ) -> float:
     """Draw a field (H, W) in mm, downwards, with `most` points along a side; return its vertical scale."""
     step = max(1, -(-max(field_mm.shape) // most))
-    coarse = field_mm[::step, ::step]
+    coarse = _smooth(field_mm, FACETS * step)[::step, ::step]  # or walls show their facets
     x, y = np.meshgrid(*(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], mm_per_px, strict=True)))
     low, high = limits
     axes.plot_surface(
@@ -149,6 +150,15 @@ def relief(
     axes.invert_yaxis()
     axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
     return RELIEF * wide / (high - low)
+
+
+def _smooth(field: Floats, std_px: float) -> Floats:
+    """Return a field (H, W) smoothed by a Gaussian over its known places; NaN where it is not known."""
+    from scipy.ndimage import gaussian_filter
+
+    known = np.isfinite(field)
+    total = gaussian_filter(np.where(known, field, 0.0), std_px)
+    return np.where(known, total / np.maximum(gaussian_filter(known.astype(float), std_px), TINY), np.nan)
 
 
 @style.house_look
