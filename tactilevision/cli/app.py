@@ -99,11 +99,11 @@ class Commands(TyperGroup):
         """Write the summaries by group."""
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(f"{name:16}", summary) for name, (*_, summary) in commands.items()])
+                formatter.write_dl([(f"{name:16}", summary) for name, (_, summary) in commands.items()])
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
         """Return the commands that begin so, without importing them, and the program's own options."""
-        named = [(name, summary) for name, (*_, summary) in COMMANDS.items() if name.startswith(incomplete)]
+        named = [(name, summary) for name, (_, summary) in COMMANDS.items() if name.startswith(incomplete)]
         found = [SimpleNamespace(value=name, type="plain", help=summary) for name, summary in named]
         return [*found, *super(TyperGroup, self).shell_complete(ctx, incomplete)]
 

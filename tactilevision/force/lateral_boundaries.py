@@ -143,7 +143,7 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
             basis = sparse.csc_array(sparse.coo_array(entries, shape=(len(places), first.size)))
             length = sparse.linalg.norm(basis, axis=0)
             some = length > 0  # those that do not cancel on an axis
-            faces.append(basis[:, some] @ sparse.diags_array(1 / length[some]))
+            faces.append(sparse.csr_array(basis[:, some] @ sparse.diags_array(1 / length[some])))
         yield Span(levels, faces)
 
 
