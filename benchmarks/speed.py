@@ -89,7 +89,6 @@ CASES = (  # in this order: later ones read what earlier ones wrote
     Case("five lines of README, first run", lines=_lines("gelslim3", 96), fresh=True),
     Case("five lines of README, second run", lines=_lines("gelslim3", 96)),
     Case("a deep frame", lines=_lines("gelslim3", 102, times=50), timed=True),
-    Case("a frame with cast shadows", lines=_lines("hidden_shadow", 68, times=5), timed=True),
     Case("--version", ("--version",), quick=True),
     Case("calibrate --help", ("calibrate", "--help"), quick=True),
     Case("plan", ("plan", "--radius", "3", "--heights", ".3,.6", "--thickness", "4"), quick=True),

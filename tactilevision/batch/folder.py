@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -133,7 +133,7 @@ class DepthJob:
         if self.device is None:
             yield from map(self, frames, numbers)
             return
-        reader, left = _reader(self.reconstructor, self.device), zip(frames, numbers, strict=False)
+        reader, left = self._reader, zip(frames, numbers, strict=False)
         while some := list(islice(left, reader.chunk)):
             good = [frame for frame, _ in some if isinstance(frame, Frame)]
             start = time.perf_counter()
@@ -147,6 +147,17 @@ class DepthJob:
                     yield FrameResult(frame.name, f"rejected: {height.what}")
                 else:
                     yield self._record(frame, number, height, spent)
+
+    @cached_property
+    def _reader(self) -> BatchReader:
+        """What reads batches, kept for the tasks of a process."""
+        import torch
+
+        from tactilevision.heightmap.batch import BatchReader
+
+        assert self.device is not None
+        torch.set_num_threads(1)  # processes share the cores
+        return BatchReader(self.reconstructor, self.device)
 
     def _record(self, frame: Frame, number: int, height: HeightMap, spent: float) -> FrameResult:
         """Write the map of a frame, which took `spent` ms; return its record."""
@@ -206,17 +217,6 @@ def reconstruct_folder(
     place = Path(out).absolute()  # workers have another working directory
     job = DepthJob(reconstructor, place, form, anchor, with_std, _map_names(recording), device)
     return run_job(recording, job, end=job.end, workers=workers, cluster=cluster, progress=progress)
-
-
-@lru_cache(maxsize=1)
-def _reader(reconstructor: Reconstructor, device: str) -> BatchReader:
-    """Return what reads batches, kept for the tasks of a process."""
-    import torch
-
-    from tactilevision.heightmap.batch import BatchReader
-
-    torch.set_num_threads(1)  # processes share the cores
-    return BatchReader(reconstructor, device)
 
 
 def _map_names(recording: Recording) -> dict[str, str]:

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -26,7 +25,7 @@ from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened, file_marks
 from calibration.workbench.server import Server, plotly
 from tactilevision import result_folders as folders
-from tactilevision.cli import console
+from tactilevision.cli import console, options
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files.cache import remember, remembered
 from tactilevision.files.opening import real_path
@@ -40,98 +39,45 @@ from tactilevision.pipeline import (
 from tactilevision.records.constants import KILO, NU_SILICONE
 
 PAGE = "page"  # what is remembered of a workbench: its port and token
-Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
-Private = Annotated[
-    list[Path] | None,
-    typer.Option("--effect", metavar="FILE.py", help="Offer an effect of your own; the file is run."),
-]
-Seed = Annotated[int, typer.Option(min=0, max=10**9, help="Set the seed of the bootstrap and the permutations.")]
-TimeLimit = Annotated[
-    float | None,
-    typer.Option("--time-limit", min=1, metavar="SECONDS", help="End after so long with the best answer so far."),
-]
 
 
-def diagnose(
-    recordings: Recordings,
-    out: console.OutOption = Path("diagnosis_out"),
-    known: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="KEY|FILE.py",
-            help="Put an effect into the model from the start: a key, or the file of one of your own.",
-        ),
-    ] = None,
-    private: Private = None,
-    apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
-    prior: console.PriorOption = True,
-    workers: console.WorkersOption = None,
-    cluster: console.ClusterOption = None,
-    seed: Seed = 0,
-    form: console.FormatOption = "png",
-    pictures: console.PicturesOption = "few",
-    json: console.JsonOption = None,
-    time_limit: TimeLimit = None,
-) -> None:
+def diagnose(given: options.Diagnose) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
-    deadline = Deadline.after(time_limit)
-    (sure, sure_files), (own, own_files) = folders.named_effects(known), folders.named_effects(private)
-    asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, applied=apply)
-    diagnosis = folders.Search(own, sure, sure_files | own_files, deadline, workers, cluster)
-    choice = FigureChoice(form, pictures)
+    deadline = Deadline.after(given.time_limit)
+    (sure, sure_files), (own, own_files) = folders.named_effects(given.known), folders.named_effects(given.private)
+    asked = History(tuple(map(str, given.recordings)), seed=given.seed, prior=given.prior, applied=given.apply)
+    diagnosis = folders.Search(own, sure, sure_files | own_files, deadline, given.workers, given.cluster)
+    out, choice = given.out, FigureChoice(given.form, given.pictures)
     found, content, commands = folders.diagnose_as(asked, diagnosis, out=out, choice=choice, listener=console)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
-    console.hand_over(content, json)
+    console.say(f"wrote {given.out / 'report.html'}, and the tables and figures next to it")
+    console.hand_over(content, given.json)
 
 
-def new_effect(
-    path: Annotated[Path, typer.Argument(help="Python file to write.")],
-    key: Annotated[str, typer.Option(help="Name the effect.")] = "my_effect",
-) -> None:
+def new_effect(given: options.NewEffect) -> None:
     """Write a template of an effect of your own, for --effect."""
-    write_template(path, key)
-    console.say(f"wrote {path}; use it with: tactilevision diagnose RECORDING --effect {path}")
+    write_template(given.path, given.key)
+    console.say(f"wrote {given.path}; use it with: tactilevision diagnose RECORDING --effect {given.path}")
 
 
-def compare(
-    recordings: Recordings,
-    out: console.OutOption = Path("comparison_out"),
-    chosen: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="KEY|FILE.py",
-            help="Add effects in the order given, by key, or by the file of one of your own, which is run.",
-        ),
-    ] = None,
-    prior: console.PriorOption = True,
-    seed: Seed = 0,
-    form: console.FormatOption = "png",
-    pictures: console.PicturesOption = "few",
-    json: console.JsonOption = None,
-    time_limit: TimeLimit = None,
-    left_out: Annotated[
-        list[str] | None, typer.Option("--leave-out", metavar="PRESS", help="Do not fit this press (repeatable).")
-    ] = None,
-) -> None:
+def compare(given: options.Compare) -> None:
     """Add effects one after the other and watch the error, on held-out presses, next to the repeatability."""
-    deadline = Deadline.after(time_limit)
-    asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, left_out=tuple(left_out or ()))
-    effects, files = folders.named_effects(chosen)
+    deadline = Deadline.after(given.time_limit)
+    paths, left_out = tuple(map(str, given.recordings)), tuple(given.left_out or ())
+    asked = History(paths, seed=given.seed, prior=given.prior, left_out=left_out)
+    effects, files = folders.named_effects(given.chosen)
     found = folders.compare_as(asked, effects, deadline=deadline, listener=console)
     commands = folders.commands_after_comparison(found, asked, files)
     history = folders.history_of(asked, steps_of_comparison(found, files))
-    choice = FigureChoice(form, pictures)
-    folders.write_comparison(found, history, out=out, choice=choice, try_next=commands, listener=console)
+    choice = FigureChoice(given.form, given.pictures)
+    folders.write_comparison(found, history, out=given.out, choice=choice, try_next=commands, listener=console)
     excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
     console.warn([*found.stated.warnings, *excluded])
     console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
     console.say(*map(fall_sentence, error_falls(found)))
     console.say(*excluded, *(f"{words}: {text}" for words, text in commands))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
-    console.hand_over(found.as_json(), json)
+    console.say(f"wrote {given.out / 'report.html'}, and the tables and figures next to it")
+    console.hand_over(found.as_json(), given.json)
 
 
 def _picture_line(model: Compared) -> str:
@@ -147,30 +93,20 @@ def _model_line(model: Compared) -> str:
     return f"{column(model):24s} {error}{E}"
 
 
-def steps(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What diagnose or compare wrote.")],
-    undo: Annotated[bool, typer.Option("--undo", help="Undo the last step.")] = False,
-    redo: Annotated[bool, typer.Option("--redo", help="Redo the step that was undone last.")] = False,
-    private: Private = None,
-    form: console.FormatOption = "png",
-    pictures: console.PicturesOption = "few",
-    json: console.JsonOption = None,
-) -> None:
-    """List the steps of an analysis; undo and redo them. The folder's results follow.
-
-    With an effect of your own among the steps that stay, name its file again.
-    """
-    history = load_history(folder / folders.HISTORY)
-    if undo or redo:
-        history = history.undo() if undo else history
-        history = history.redo() if redo else history
-        folders.follow_steps(history, folder, private, choice=FigureChoice(form, pictures), listener=console)
+def steps(given: options.Steps) -> None:
+    """List the steps of an analysis; undo and redo them. The folder's results follow."""
+    history = load_history(given.folder / folders.HISTORY)
+    if given.undo or given.redo:
+        history = history.undo() if given.undo else history
+        history = history.redo() if given.redo else history
+        choice = FigureChoice(given.form, given.pictures)
+        folders.follow_steps(history, given.folder, given.private, choice=choice, listener=console)
     for number, step in enumerate(history.steps, start=1):
         console.say(f"{number}. + {step.key.replace('_', ' ')}: {_step_errors(step)}")
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
-    console.say(history.script(folders.again_in(folder)).splitlines()[-1])
-    console.hand_over(history.as_json(), json)
+    console.say(history.script(folders.again_in(given.folder)).splitlines()[-1])
+    console.hand_over(history.as_json(), given.json)
 
 
 def _step_errors(step: Step) -> str:
@@ -184,31 +120,12 @@ def _step_errors(step: Step) -> str:
     return f"error on held-out presses {fall}"
 
 
-def workbench(
-    recordings: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="RECORDING...", help="Recordings of one sensor; none with --state."),
-    ] = None,
-    out: console.OutOption = Path("workbench_out"),
-    state: Annotated[
-        Path | None,
-        typer.Option(
-            "--state", metavar="FOLDER", help="Continue the analysis in a folder that workbench or compare wrote."
-        ),
-    ] = None,
-    private: Private = None,
-    prior: console.PriorOption = True,
-    seed: Seed = 0,
-    port: Annotated[int, typer.Option(help="Serve the page on this port (0: any).")] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
-    framed: Annotated[
-        bool, typer.Option("--framed", help="Let a notebook on this machine frame the page.")
-    ] = False,
-) -> None:
+def workbench(given: options.Workbench) -> None:
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
     plotly()
-    history = _opening(recordings or [], state, seed=seed, prior=prior)
-    own, files = folders.named_effects(private)
+    out = given.out
+    history = _opening(given.recordings or [], given.state, seed=given.seed, prior=given.prior)
+    own, files = folders.named_effects(given.private)
     paths = tuple(Path(name) for name in history.recordings)
     read = read_recordings(paths)
     opened = Opened(
@@ -235,9 +152,9 @@ def workbench(
         out=out,
         read=_certified,
     )
-    with _served(bench, out, port, framed=framed) as server:
+    with _served(bench, out, given.port, framed=given.framed) as server:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
-        if browser:
+        if given.browser:
             typer.launch(server.address)
         bench.work()
 

@@ -5,55 +5,54 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from functools import wraps
-from importlib import import_module
-from inspect import Parameter, signature
+from inspect import Signature, get_annotations, signature
+from pkgutil import resolve_name
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from tactilevision.cli import console
+from tactilevision.cli import options as records
+from tactilevision.cli.shared_options import Options
 from tactilevision.errors import InputError, installed_version
-from tactilevision.files import cache
 from tactilevision.files.runs import output_lock
 
-Entry = tuple[str, str, str, str]  # module, function, option that names the results to be locked, summary
+Entry = tuple[type[Options], str]  # what a command takes, and a summary
 GROUPS: Mapping[str, Mapping[str, Entry]] = {
     "Height maps and forces": {
-        "depth": ("depth", "depth", "out", "Turn frames into height maps."),
-        "view": ("view", "view", "out", "Draw, compare, film and export height maps."),
-        "force": ("depth", "force", "out", "Turn frames into maps of traction on the gel."),
-        "live": ("live", "live", "", "Read frames live: depth, contact and wrench."),
+        "depth": (records.Depth, "Turn frames into height maps."),
+        "view": (records.View, "Draw, compare, film and export height maps."),
+        "force": (records.Force, "Turn frames into maps of traction on the gel."),
+        "live": (records.Live, "Read frames live: depth, contact and wrench."),
     },
     "Young's modulus and Poisson's ratio": {
-        "calibrate": ("calibrate", "calibrate", "out", "Certify presses and fit E and nu of the gel."),
-        "passport": ("calibrate", "passport", "out", "Follow a gel over weeks, and say when to recalibrate."),
-        "plan": ("calibrate", "plan", "", "Find the fewest presses that reach a goal."),
-        "export-material": ("material", "export_material", "out", "Write the gel for simulators and FE programs."),
-        "validate": ("simulate", "validate", "out", "Compare a calibration with finite elements."),
+        "calibrate": (records.Calibrate, "Certify presses and fit E and nu of the gel."),
+        "passport": (records.Passport, "Follow a gel over weeks, and say when to recalibrate."),
+        "plan": (records.Plan, "Find the fewest presses that reach a goal."),
+        "export-material": (records.ExportMaterial, "Write the gel for simulators and FE programs."),
+        "validate": (records.Validate, "Compare a calibration with finite elements."),
     },
     "What a model lacks": {
-        "workbench": ("analysis", "workbench", "out", "See where the model fails and mend it, in the browser."),
-        "diagnose": ("analysis", "diagnose", "out", "Find the effect that is missing from the model."),
-        "compare": ("analysis", "compare", "out", "Add effects one by one and watch the error fall."),
-        "steps": ("analysis", "steps", "folder", "List the steps of an analysis; undo and redo them."),
-        "new-effect": ("analysis", "new_effect", "", "Write a template of an effect of your own."),
+        "workbench": (records.Workbench, "See where the model fails and mend it, in the browser."),
+        "diagnose": (records.Diagnose, "Find the effect that is missing from the model."),
+        "compare": (records.Compare, "Add effects one by one and watch the error fall."),
+        "steps": (records.Steps, "List the steps of an analysis; undo and redo them."),
+        "new-effect": (records.NewEffect, "Write a template of an effect of your own."),
     },
     "Sensors": {
-        "calibrate-sensor": ("train", "calibrate_sensor", "out file", "Write a sensor's profile for --sensor."),
-        "train": ("train", "train", "out file", "Calibrate a photometric method for --method FILE."),
+        "calibrate-sensor": (records.CalibrateSensor, "Write a sensor's profile for --sensor."),
+        "train": (records.Train, "Calibrate a photometric method for --method FILE."),
     },
     "Robot logs and data sets": {
-        "import": ("logs", "import_log", "out", "Convert a log of ROS 1, ROS 2 or MCAP to a recording."),
-        "export": ("logs", "export_log", "out file", "Write depth and force to a log."),
-        "lerobot": ("logs", "lerobot", "out", "Add depth, contact and force to a LeRobot data set."),
+        "import": (records.ImportLog, "Convert a log of ROS 1, ROS 2 or MCAP to a recording."),
+        "export": (records.ExportLog, "Write depth and force to a log."),
+        "lerobot": (records.Lerobot, "Add depth, contact and force to a LeRobot data set."),
     },
     "Simulation": {
-        "simulate": ("simulate", "simulate", "out", "Simulate a recording with known truth."),
-        "tabulate": ("simulate", "tabulate", "out", "Solve a grid of punch problems for a table."),
+        "simulate": (records.Simulate, "Simulate a recording with known truth."),
+        "tabulate": (records.Tabulate, "Solve a grid of punch problems for a table."),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
@@ -85,7 +84,7 @@ class Command(TyperCommand):
 
 
 class Commands(TyperGroup):
-    """The commands by name, each imported when it is asked for."""
+    """The commands by name; the module of each is imported when it runs."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -95,37 +94,37 @@ class Commands(TyperGroup):
         """Return a command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        module, function, results, _ = COMMANDS[cmd_name]
-        command = getattr(import_module(f"tactilevision.cli.{module}"), function)
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(cmd_name, cls=Command, context_settings=HELP)(_prepared(command, *results.split()))
+        alone.command(cmd_name, cls=Command, context_settings=HELP)(_prepared(COMMANDS[cmd_name][0]))
         return get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the summaries by group."""
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(f"{name:16}", summary) for name, (*_, summary) in commands.items()])
+                formatter.write_dl([(f"{name:16}", summary) for name, (_, summary) in commands.items()])
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
         """Return the commands that begin so, without importing them, and the program's own options."""
-        named = [(name, summary) for name, (*_, summary) in COMMANDS.items() if name.startswith(incomplete)]
+        named = [(name, summary) for name, (_, summary) in COMMANDS.items() if name.startswith(incomplete)]
         found = [SimpleNamespace(value=name, type="plain", help=summary) for name, summary in named]
         return [*found, *super(TyperGroup, self).shell_complete(ctx, incomplete)]
 
 
-def _prepared(command: Callable[..., None], into: str = "", kind: str = "folder") -> Callable[..., None]:
-    """Return the command with --quiet, which locks its folder (or file) of results against other runs."""
+def _prepared(taken: type[Options]) -> Callable[..., None]:
+    """Return the command as typer takes it, with a lock on its folder (or file) of results against other runs."""
 
-    @wraps(command)
-    def run(*, quiet: bool, **given: Any) -> None:
-        with output_lock(given[into], file=kind == "file") if into else nullcontext():
-            command(**given)
+    def run(**given: Any) -> None:
+        command = resolve_name(f"tactilevision.cli.{taken.function}")
+        into, _, file = taken.results.partition(" ")
+        with output_lock(given[into], file=bool(file)) if into else nullcontext():
+            command(taken(**given))
 
-    own = signature(command, eval_str=True)
-    last = Parameter("quiet", Parameter.KEYWORD_ONLY, default=False, annotation=console.QuietOption)
-    run.__signature__ = own.replace(parameters=[*own.parameters.values(), last])  # type: ignore[attr-defined]
-    run.__annotations__ = {**command.__annotations__, "quiet": console.QuietOption}
+    named, there = (name for kind in taken.__mro__ for name in get_annotations(kind)), signature(taken).parameters
+    hints = get_type_hints(taken, include_extras=True)
+    own_first = [there[name].replace(annotation=hints[name]) for name in dict.fromkeys(named) if name in there]
+    run.__signature__ = Signature(own_first)  # type: ignore[attr-defined]
+    run.__annotations__, run.__doc__ = hints, taken.__doc__
     return run
 
 
@@ -158,4 +157,6 @@ def options(
 ) -> None:
     """Mechanics you can trust from vision-based tactile sensors."""
     if not cached:
+        from tactilevision.files import cache
+
         os.environ[cache.VARIABLE] = cache.OFF  # of the workers, too

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Any
 
 from calibration.report.figures import FigureChoice
 from calibration.report.passport_report import passport_lines
@@ -15,7 +13,7 @@ from calibration.report.report import summary
 from calibration.result.result import in_words
 from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, design_of, faces_of, plan as find_plan
 from tactilevision.batch.tree import find_recordings
-from tactilevision.cli import console
+from tactilevision.cli import console, options
 from tactilevision.errors import InputError
 from tactilevision.files.runs import output_lock
 from tactilevision.pipeline import calibrate_each
@@ -25,30 +23,13 @@ from tactilevision.records.rig import Gel
 from tactilevision.result_folders import write_calibrations, write_passport
 
 
-def calibrate(
-    recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor, or folders of them.")
-    ],
-    out: console.OutOption = Path("calibration_out"),
-    law: Annotated[
-        Literal["default", "paper"],
-        typer.Option(help="Fit from first principles at the true a/h, or by the published route (paper)."),
-    ] = "default",
-    prior: console.PriorOption = True,
-    test: Annotated[bool, typer.Option("--test/--no-test", help="Test whether the law explains the data.")] = True,
-    cluster: console.ClusterOption = None,
-    form: console.FormatOption = "png",
-    pictures: console.PicturesOption = "few",
-    json: console.JsonOption = None,
-) -> None:
-    """Certify each press, then fit Young's modulus and Poisson's ratio; writes tables, JSON and a report.
-
-    Of several recordings the newest one's result stands in OUT itself, each older one's in a folder of its own;
-    history.csv says whether the gel has changed.
-    """
-    paths = [path for given in recordings for path in find_recordings(given)]
-    outcomes = calibrate_each(paths, law=law, prior=prior, test=test, cluster=cluster, listener=console)
-    for row in write_calibrations(outcomes, out, law=law, choice=FigureChoice(form, pictures), listener=console):
+def calibrate(given: options.Calibrate) -> None:
+    """Certify each press, then fit Young's modulus and Poisson's ratio; writes tables, JSON and a report."""
+    paths = [path for one in given.recordings for path in find_recordings(one)]
+    law, choice = given.law, FigureChoice(given.form, given.pictures)
+    how: dict[str, Any] = {"prior": given.prior, "test": given.test, "cluster": given.cluster}
+    outcomes = calibrate_each(paths, law=law, listener=console, **how)
+    for row in write_calibrations(outcomes, given.out, law=law, choice=choice, listener=console):
         moved = "has changed" if row.moved else "no significant change"
         console.say(f"{row.date} {row.recording}: stiffness {100 * row.change:+.1f} % since the first, {moved}")
     latest = outcomes[-1]
@@ -60,96 +41,52 @@ def calibrate(
         console.say(*summary(latest.result))
     else:
         console.say(*in_words(latest.certified.points))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
-    console.hand_over(latest.content, json)
+    console.say(f"wrote {given.out / 'report.html'}, and the tables and figures next to it")
+    console.hand_over(latest.content, given.json)
     if latest.fault is not None:
         raise latest.fault
 
 
-def passport(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORDING...", help="Recordings of one sensor in order of time, or folders."),
-    ],
-    out: console.OutOption = Path("passport_out"),
-    ledger: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Keep entries of all sensors in this SQLite file, and go on from them."),
-    ] = None,
-    tolerance: Annotated[
-        float, typer.Option(min=0.1, max=100, help="Tolerate this error of E by ageing, percent.")
-    ] = 5.0,
-    form: console.FormatOption = "png",
-    json: console.JsonOption = None,
-) -> None:
-    """Follow a gel over weeks: E and nu with their dates, the change, and when to recalibrate.
-
-    Recordings that are in the ledger already are not calibrated again.
-    """
+def passport(given: options.Passport) -> None:
+    """Follow a gel over weeks: E and nu with their dates, the change, and when to recalibrate."""
+    out, ledger = given.out, given.ledger
     with output_lock(ledger, file=True) if ledger is not None else nullcontext():
         found = write_passport(
-            recordings,
+            given.recordings,
             out,
             ledger=ledger,
-            tolerance=tolerance / 100,
-            choice=FigureChoice(form),
+            tolerance=given.tolerance / 100,
+            choice=FigureChoice(given.form),
             listener=console,
         )
     console.say(f"{found.sensor}: {len(found.entries)} recordings", *passport_lines(found))
     console.warn(found.warnings)
     console.say(f"wrote {out / 'passport.html'} and passport.json" + (f"; {ledger}" if ledger is not None else ""))
-    console.hand_over(found.as_json(), json)
+    console.hand_over(found.as_json(), given.json)
 
 
 # `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.
 
-Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List lengths in mm, with commas between.")]
-Range = Annotated[str | None, typer.Option(metavar="VALUE", help="Give a guess, or two ends of a range: .1,.4.")]
-Size = Annotated[float | None, typer.Option(help="State a length in mm; by default as the recording does.")]
 
-
-def plan(
-    recording: Annotated[Path | None, typer.Argument(help="Its files state gel, indenters and noise.")] = None,
-    radius: Numbers = None,
-    heights: Numbers = None,
-    thickness: Size = None,
-    thickness_std: Size = None,
-    pad_radius: Size = None,
-    edge_radius: Size = None,
-    height_std: Size = None,
-    modulus: Range = None,
-    poisson_ratio: Range = None,
-    poisson_ratio_std: Annotated[float | None, typer.Option(help="State the std of nu.")] = None,
-    lubricated: Annotated[bool, typer.Option("--lubricated", help="Plan for lubricated presses.")] = False,
-    repeats: Annotated[int | None, typer.Option(help="Plan so many a height; by default as recorded.")] = None,
-    depth_noise: Annotated[float | None, typer.Option(help="State the std of a press's depth, mm.")] = None,
-    force_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, N.")] = None,
-    gain_noise: Annotated[float | None, typer.Option(help="State the std of a press's force, percent.")] = None,
-    within: Annotated[float, typer.Option(help="Reach this half width of E's 95 % interval, percent.")] = 3.0,
-    within_nu: Annotated[float | None, typer.Option(help="Also reach this half width of nu.")] = None,
-    within_c: Annotated[float | None, typer.Option(help="Also reach this half width of c, percent.")] = None,
-    json: console.JsonOption = None,
-) -> None:
-    """Forecast E, nu and c from a design, and find the fewest presses that reach a goal.
-
-    Give --radius, --heights and --thickness, or a RECORDING that states them.
-    """
-    usual = _usual(recording, thickness)
-    faces = faces_of(usual, console.numbers("--radius", radius), console.numbers("--heights", heights))
-    gel = {"thickness_mm": thickness, "thickness_std_mm": thickness_std, "radius_mm": pad_radius}
+def plan(given: options.Plan) -> None:
+    """Forecast E, nu and c from a design, and find the fewest presses that reach a goal."""
+    usual = _usual(given.recording, given.thickness)
+    faces = faces_of(usual, console.numbers("--radius", given.radius), console.numbers("--heights", given.heights))
+    gel = {"thickness_mm": given.thickness, "thickness_std_mm": given.thickness_std, "radius_mm": given.pad_radius}
+    noise = {"depth_std_mm": given.depth_noise, "force_std_N": given.force_noise}
     design = usual.with_stated(
         faces,
-        gel=gel | {"poisson_ratio_std": poisson_ratio_std},
-        each_face={"edge_radius_mm": edge_radius, "height_std_mm": height_std},
-        noise={"depth_std_mm": depth_noise, "force_std_N": force_noise, "gain": _share(gain_noise)},
-        repeats=repeats,
-        youngs_modulus_MPa=_range("--modulus", modulus),
-        poisson_ratio=_range("--poisson-ratio", poisson_ratio),
-        lubricated=lubricated or None,
+        gel=gel | {"poisson_ratio_std": given.poisson_ratio_std},
+        each_face={"edge_radius_mm": given.edge_radius, "height_std_mm": given.height_std},
+        noise=noise | {"gain": _share(given.gain_noise)},
+        repeats=given.repeats,
+        youngs_modulus_MPa=_range("--modulus", given.modulus),
+        poisson_ratio=_range("--poisson-ratio", given.poisson_ratio),
+        lubricated=given.lubricated or None,
     )
-    found = find_plan(design, goal=Goal(within / 100, within_nu, _share(within_c)))
+    found = find_plan(design, goal=Goal(given.within / 100, given.within_nu, _share(given.within_c)))
     console.say(*_report(found))
-    console.hand_over(found.as_json(), json)
+    console.hand_over(found.as_json(), given.json)
 
 
 def _usual(path: Path | None, thickness_mm: float | None) -> Design:

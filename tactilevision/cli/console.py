@@ -1,4 +1,4 @@
-"""Output on the terminal: progress, summary, warnings and errors, and options that commands share."""
+"""Output on the terminal: progress, summary, warnings and errors."""
 
 from __future__ import annotations
 
@@ -9,29 +9,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from errno import ENOSPC
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
-from calibration.inputs.deadline import Progress
-from tactilevision.cluster import connect
 from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated, one_line
 from tactilevision.files.runs import Ticker
 from tactilevision.files.writing import as_json, write_json
 
-FigureFormat = Literal["png", "svg", "pdf"]  # plots.style.FORMS, which is slow to import
-OutOption = Annotated[Path, typer.Option("--out", "-o", help="Write the results into this folder.")]
-FormatOption = Annotated[
-    FigureFormat,
-    typer.Option(
-        "--format", help="Also write each figure in this form. PNG is always written, and used in the report."
-    ),
-]
-PicturesOption = Annotated[
-    Literal["all", "few", "none"],
-    typer.Option("--pictures", help="Draw all presses, or a few: the rejected and the worst ones."),
-]
-
+if TYPE_CHECKING:
+    from calibration.inputs.deadline import Progress
 
 STANDARD_OUTPUT = Path("-")  # the file of --json that stands for it
 _present = {"quiet": False, "prints JSON": False}  # what the present command was asked for
@@ -42,7 +29,7 @@ def begin() -> None:
     """Forget what an earlier command of this process printed, and how."""
     warned.clear()
     be_quiet(False)
-    _to_program(None)
+    to_program(None)
 
 
 def be_quiet(wanted: bool) -> bool:
@@ -51,48 +38,10 @@ def be_quiet(wanted: bool) -> bool:
     return wanted
 
 
-def _to_program(path: Path | None) -> Path | None:
+def to_program(path: Path | None) -> Path | None:
     """Return the path of --json; keep standard output free of the summary where that is "-"."""
     _present["prints JSON"] = path == STANDARD_OUTPUT
     return path
-
-
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", callback=be_quiet, help="Print warnings alone.")]
-
-
-def _reached(context: typer.Context, address: str | None) -> str | None:
-    """Return the address after its scheduler has answered, except while a shell completes a line."""
-    if address is not None and not context.resilient_parsing:
-        connect.check_cluster(address)
-    return address
-
-
-ClusterOption = Annotated[
-    str | None,
-    typer.Option(
-        "--cluster",
-        metavar="ADDRESS",
-        callback=_reached,
-        help="Use a Dask cluster: tls://HOST:PORT, or its scheduler file. It may run any program here.",
-    ),
-]
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Use so many processes; by default one a core.")]
-JsonOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--json",
-        metavar="FILE",
-        callback=_to_program,
-        help="Also write the result to this file as JSON; - prints it instead.",
-    ),
-]
-
-PriorOption = Annotated[
-    bool,
-    typer.Option(
-        "--prior/--no-prior", help="Restrict Poisson's ratio to that of elastomers, where nothing is stated."
-    ),
-]
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...]:

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import typer
 
 from tactilevision.batch.folder import FrameResult, reconstruct_folder, summary
 from tactilevision.batch.selection import strongest_frames
 from tactilevision.batch.tree import Light, reconstruct_tree
-from tactilevision.cli import console, source
+from tactilevision.cli import console, options, source
 from tactilevision.errors import InputError
 from tactilevision.force import comparison
 from tactilevision.force.calibrated import (
@@ -45,59 +44,32 @@ from tactilevision.sensors import usual_gel
 MOST_S = 60  # s, the longest diagnosis within `force`
 
 
-def depth(
-    path: Annotated[Path, typer.Argument(help="A recording, video, frame, folder of frames, or a tree of these.")],
-    out: console.OutOption = Path("depth_out"),
-    sensor: source.SensorOption = None,
-    reference: source.ReferenceOption = None,
-    method: source.MethodOption = None,
-    mm_per_px: source.ScaleOption = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, help="Correct faces by calibration.json of this recording."),
-    ] = None,
-    form: Annotated[
-        Literal["tiff", "zarr"], typer.Option("--format", help="Write one TIFF a frame, or one Zarr store.")
-    ] = "tiff",
-    with_std: Annotated[bool, typer.Option("--std", help="Also write the depths' std, into depth_std/.")] = False,
-    even_so: source.EvenSoOption = False,
-    workers: console.WorkersOption = None,
-    cluster: console.ClusterOption = None,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            metavar="cpu|cuda|auto", help="Read frames in batches with torch; auto: on a GPU if there is one."
-        ),
-    ] = None,
-    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the deepest.")] = 3,
-    json: console.JsonOption = None,
-) -> None:
+def depth(given: options.Depth) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    if device is not None and cluster is None:
+    chosen = source.Choice(given.sensor, given.reference, given.method, given.mm_per_px, given.even_so)
+    if given.device is not None and given.cluster is None:
         from tactilevision.heightmap.device import find_device  # takes seconds to load
 
-        find_device(device)
-    how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster} | {
-        "with_std": with_std,
-        "device": device,
+        find_device(given.device)
+    how: dict[str, Any] = {"form": given.form, "workers": given.workers, "cluster": given.cluster} | {
+        "with_std": given.with_std,
+        "device": given.device,
     }
-    maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
-    light, last = _light(chosen, warned, path), list[str]()
-    if source.is_tree(path):
-        rows, content = _of_tree(path, out, chosen, light, calibration, how)
+    maps, warned = "depth.zarr" if given.form == "zarr" else "depth/NAME.tiff", list[str]()
+    light, last = _light(chosen, warned, given.path), list[str]()
+    if source.is_tree(given.path):
+        rows, content = _of_tree(given.path, given.out, chosen, light, given.calibration, how)
         maps = f"SOURCE/{maps}"
     else:
-        recording = chosen.open(path)
-        rows, content = _of_recording(recording, out, light, calibration, how, most=pictures)
+        recording = chosen.open(given.path)
+        rows, content = _of_recording(recording, given.out, light, given.calibration, how, most=given.pictures)
         last = how_to_keep_light(chosen, recording)
-    _say(rows, out, maps)
+    _say(rows, given.out, maps)
     console.say(*last)
-    console.hand_over(summary(rows) | content | {"warnings": warned}, json)
+    console.hand_over(summary(rows) | content | {"warnings": warned}, given.json)
     if all(row.status != "ok" for row in rows):
-        raise InputError(
-            "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` has the reasons."
-        )
+        table, remedy = given.out / "depth.csv", "Its column `status` has the reasons."
+        raise InputError("no frame became a height map", where=table, remedy=remedy)
 
 
 def how_to_keep_light(chosen: source.Choice, recording: Recording) -> list[str]:
@@ -199,52 +171,33 @@ def _draw(
         console.say(f"wrote {path}")
 
 
-def force(
-    path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
-    calibration: Annotated[
-        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of the profile.")
-    ] = None,
-    out: console.OutOption = Path("force_out"),
-    sensor: source.SensorOption = None,
-    reference: source.ReferenceOption = None,
-    method: source.MethodOption = None,
-    even_so: source.EvenSoOption = False,
-    mm_per_px: source.ScaleOption = None,
-    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="Write tractions like this.")] = "npz",
-    workers: console.WorkersOption = None,
-    cluster: console.ClusterOption = None,
-    pictures: Annotated[int, typer.Option(min=0, help="Draw so many of the strongest.")] = 3,
-    diagnosis: Annotated[
-        bool,
-        typer.Option("--diagnosis/--no-diagnosis", help="Find the cause of a difference from the F/T sensor."),
-    ] = True,
-    json: console.JsonOption = None,
-) -> None:
+def force(given: options.Force) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    recording = with_gel(chosen.open(path), calibration)
-    recording, material = _material(chosen, calibration, recording)
+    chosen = source.Choice(given.sensor, given.reference, given.method, given.mm_per_px, given.even_so)
+    recording = with_gel(chosen.open(given.path), given.calibration)
+    recording, material = _material(chosen, given.calibration, recording)
     with console.progress_bar("calibrating the light:") as progress:
         profiled, light = chosen.calibrated(recording), chosen.light(recording, progress)
-        reconstructor, anchor = source.open_face_correction(recording, light, calibration=calibration)
+        reconstructor, anchor = source.open_face_correction(recording, light, calibration=given.calibration)
         job = force_job(
             recording,
             reconstructor,
             material=material,
-            out=out,
-            form=form,
+            out=given.out,
+            form=given.form,
             untouched=profiled.untouched if profiled else None,
-            compliance=profiled.profile.compliance if profiled and calibration is None else None,
+            compliance=profiled.profile.compliance if profiled and given.calibration is None else None,
         )
         job = replace(job, anchor=anchor)
     console.warn([*recording.warnings, *job.reconstructor.warnings])
     with console.progress_bar("frames") as progress:
-        offset_s = None if calibration is None else read_clock_offset(calibration)
-        how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
+        offset_s = None if given.calibration is None else read_clock_offset(given.calibration)
+        how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": given.workers, "cluster": given.cluster}
         rows = force_folder(recording, job, progress=progress, **how)
-    content, written = _say_forces(recording, job, rows, out, most=pictures)
-    content["diagnosis"] = _diagnose(written, out / "diagnosis") if diagnosis and written is not None else None
-    console.hand_over(content | {"material": material.as_json()}, json)
+    content, written = _say_forces(recording, job, rows, given.out, most=given.pictures)
+    if written is not None and given.diagnosis:
+        content["diagnosis"] = _diagnose(written, given.out / "diagnosis")
+    console.hand_over(content | {"material": material.as_json()}, given.json)
 
 
 def _say_forces(
@@ -270,6 +223,7 @@ def _say_forces(
         "measured": measured,
         "mesh": solid,
         "sensitivity": sensitivity,
+        "diagnosis": None,
     }
     return content, written
 

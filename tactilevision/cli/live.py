@@ -9,11 +9,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import typer
-
-from tactilevision.cli import console, source
+from tactilevision.cli import console, options, source
 from tactilevision.errors import InputError
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import append_text, write_text
@@ -33,47 +31,24 @@ EVERY_S = 1  # s between two lines on the terminal
 TABLE, PATCHES = "live.csv", "patches.csv"
 
 
-def live(
-    camera: Annotated[
-        str, typer.Option(help="Read a camera's number, a video, or a folder.", metavar="0|VIDEO|FOLDER")
-    ] = "0",
-    sensor: source.SensorOption = None,
-    reference: source.ReferenceOption = None,
-    method: source.MethodOption = None,
-    mm_per_px: source.ScaleOption = None,
-    even_so: source.EvenSoOption = False,
-    indenter: Annotated[str | None, typer.Option(help="Look for the face of this indenter.")] = None,
-    form: Annotated[
-        Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Choose the format of the camera's frames.")
-    ] = None,
-    rate: Annotated[float, typer.Option(min=0.1, help="Play at so many frames a second.")] = 30,
-    every: Annotated[bool, typer.Option("--every", help="Drop no frame of a video or folder.")] = False,
-    frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
-    preview: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of a page; 0: a free one.")] = None,
-    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove: pictures, maps, wrench.")] = False,
-    mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write live.csv and patches.csv into this folder.")
-    ] = None,
-    json: console.JsonOption = None,
-) -> None:
+def live(given: options.Live) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
-    if foxglove or mcap is not None:
+    if given.foxglove or given.mcap is not None:
         check_installed()
-    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
-    opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
+    chosen = source.Choice(given.sensor, given.reference, given.method, given.mm_per_px, even_so=given.even_so)
+    opened = _open(given.camera, chosen, given.indenter, given.form, rate=None if given.every else given.rate)
     found = audit(opened.first, timed=not opened.source.waits)
     _say_audit(opened, found)
-    counts, newest = Counts(), Newest(opened.source, every=every)
+    counts, newest = Counts(), Newest(opened.source, every=given.every)
     try:
         with ExitStack() as stack:
-            shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
-            reporter = _Reporter(counts, opened.stream, shows, _table(stack, out), frames, seconds)
+            shows = _shows(stack, opened.stream, given.preview, foxglove=given.foxglove, mcap=given.mcap)
+            table = _table(stack, given.out)
+            reporter = _Reporter(counts, opened.stream, shows, table, given.frames, given.seconds)
             run(stack.enter_context(newest), opened.stream, counts=counts, report=reporter)
     finally:  # also where the camera has gone, or after Ctrl-C
         _say_end(counts, newest.came, newest.dropped)
-        console.hand_over(counts.as_json() | {"dropped": newest.dropped, "audit": found.as_json()}, json)
+        console.hand_over(counts.as_json() | {"dropped": newest.dropped, "audit": found.as_json()}, given.json)
     if not counts.read:
         raise InputError("no frame could be read", where="live", value=counts.why or f"{newest.came} frames came")
 

@@ -8,12 +8,9 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
 
 from calibration.tasks import validate as report
-from tactilevision.cli import console
+from tactilevision.cli import console, options
 from tactilevision.cluster.pool import cluster_pool
 from tactilevision.errors import InputError, check_known
 from tactilevision.files.runs import worker_pool
@@ -30,68 +27,32 @@ from tactilevision.synthetic.lights import SHADOW_STRIP_MM
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.simulation import simulate as run
 
-# `tactilevision simulate OUT`: a recording with known truth.
 
-
-def simulate(
-    out: Annotated[Path, typer.Argument(help="Write the recording into this folder.")],
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same recording.")] = 0,
-    frames: Annotated[
-        Literal["png", "jpeg", "curves", "points"],
-        typer.Option(help="Choose the format of the pictures. With curves or points there are none."),
-    ] = "png",
-    presses: Annotated[int | None, typer.Option(min=1, help="Make so many with each indenter.")] = None,
-    youngs_modulus: Annotated[float | None, typer.Option(help="Set the true modulus in MPa.")] = None,
-    poisson_ratio: Annotated[float | None, typer.Option(help="Set the true ratio.")] = None,
-    faults: Annotated[bool, typer.Option(help="Add one bad press of every kind.")] = True,
-    markers: Annotated[bool, typer.Option(help="Print markers on the gel.")] = False,
-    shadows: Annotated[bool, typer.Option(help="Let the lamps, strips of 12 by 2 mm, cast shadows.")] = False,
-) -> None:
+def simulate(given: options.Simulate) -> None:
     """Simulate a recording: gel, camera, rig and their faults; truth.toml says what was put in."""
-    usual = SimulationOptions()
-    options = stated(
+    usual, strip_mm = SimulationOptions(), SHADOW_STRIP_MM if given.shadows else None
+    wanted = stated(
         usual,
-        frames=frames,
-        gel=stated(usual.gel, youngs_modulus_MPa=youngs_modulus, poisson_ratio=poisson_ratio),
-        camera=replace(usual.camera, markers=markers, shadow_strip_mm=SHADOW_STRIP_MM if shadows else None),
-        presses=presses,
-        faults=None if faults else (),
+        frames=given.frames,
+        gel=stated(usual.gel, youngs_modulus_MPa=given.youngs_modulus, poisson_ratio=given.poisson_ratio),
+        camera=replace(usual.camera, markers=given.markers, shadow_strip_mm=strip_mm),
+        presses=given.presses,
+        faults=None if given.faults else (),
     )
     with console.progress_bar("rendering") as progress:
-        folder = run(out, seed=seed, options=options, progress=progress)
-    console.say(f"wrote {folder}: a recording with seed {seed}; its truth is in {folder / 'truth.toml'}")
+        folder = run(given.out, seed=given.seed, options=wanted, progress=progress)
+    console.say(f"wrote {folder}: a recording with seed {given.seed}; its truth is in {folder / 'truth.toml'}")
 
 
-# `tactilevision tabulate OUT`: solve a grid of punch problems and make a table of them.
-
-Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="List numbers, with commas between.")]
-
-
-def tabulate(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of cases and table; a second run goes on.")],
-    law: Annotated[str | None, typer.Option(metavar="LIST", help="Solve for neo-hooke, hencky.")] = None,
-    friction: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Solve for these coefficients; inf: no slip.")
-    ] = None,
-    poisson_ratio: Numbers = None,
-    a_over_h: Numbers = None,
-    edge_over_h: Numbers = None,
-    workers: console.WorkersOption = None,
-    cluster: console.ClusterOption = None,
-    json: console.JsonOption = None,
-) -> None:
-    """Solve the flat punch over nu, a/h, depth, friction, law and edge radius; writes OUT/punch.npz and its card.
-
-    Each solved case is a file of its own in OUT/cases: a run that is stopped, or killed, goes on where it was.
-    Omitted options span what the shipped table does: some 1000 cases of a few seconds each.
-    """
-    grid = _grid(law, friction, poisson_ratio, a_over_h, edge_over_h)
-    cases, folder = list(grid.cases()), out / "cases"
-    with _workers(workers, cluster) as pool, console.progress_bar("solving") as progress:
+def tabulate(given: options.Tabulate) -> None:
+    """Solve a grid of punch problems and make a table of them."""
+    grid = _grid(given.law, given.friction, given.poisson_ratio, given.a_over_h, given.edge_over_h)
+    cases, folder, table = list(grid.cases()), given.out / "cases", given.out / "punch.npz"
+    with _workers(given.workers, given.cluster) as pool, console.progress_bar("solving") as progress:
         now = solve(cases, folder, workers=pool, report=progress)
-    merge(cases, folder, out=out / "punch.npz", notes={"grid": _card(grid)})
-    console.say(f"{len(cases)} cases, {now} of them solved now; wrote {out / 'punch.npz'}, its card and punch.csv")
-    console.hand_over({"cases": len(cases), "solved_now": now, "table": str(out / "punch.npz")}, json)
+    merge(cases, folder, out=table, notes={"grid": _card(grid)})
+    console.say(f"{len(cases)} cases, {now} of them solved now; wrote {table}, its card and punch.csv")
+    console.hand_over({"cases": len(cases), "solved_now": now, "table": str(table)}, given.json)
 
 
 def _workers(workers: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
@@ -132,34 +93,16 @@ def _card(grid: Grid) -> dict[str, object]:
     }
 
 
-# `tactilevision validate PATH`: finite elements against the measured depths and forces.
-
-
-def validate(
-    path: Annotated[
-        Path,
-        typer.Argument(metavar="PATH", help="A recording (frames, points or curves), or what calibrate wrote."),
-    ],
-    out: console.OutOption = Path("validation_out"),
-    calibration: Annotated[
-        Path | None, typer.Option(help="Take E and nu from calibration.json; by default of PATH.")
-    ] = None,
-    form: console.FormatOption = "png",
-    json: console.JsonOption = None,
-) -> None:
-    """Compare with finite elements at the measured forces and depths, for each friction and law.
-
-    Says where the error follows the depth. Cases beyond the shipped table are solved on the spot, which takes
-    some seconds each.
-    """
-    _check_presses(path)
-    found = validate_recording(path, calibration=calibration, listener=console)
-    content = write_validation(found, out, form)
+def validate(given: options.Validate) -> None:
+    """Compare with finite elements at the measured forces and depths, for each friction and law."""
+    _check_presses(given.path)
+    found = validate_recording(given.path, calibration=given.calibration, listener=console)
+    content = write_validation(found, given.out, given.form)
     for law in dict.fromkeys(one.law for one in found.comparisons):
         console.say(*report.table(found, law), "")
     console.say(*report.statements(found), *(f"assumed: {line}" for line in found.assumptions))
-    console.say(f"wrote {out / 'validation.json'} and the figures next to it")
-    console.hand_over(content, json)
+    console.say(f"wrote {given.out / 'validation.json'} and the figures next to it")
+    console.hand_over(content, given.json)
 
 
 def _check_presses(path: Path) -> None:

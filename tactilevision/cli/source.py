@@ -1,4 +1,4 @@
-"""Options that several commands share: frames of a recording or folder, and their reconstructor."""
+"""What commands read: frames of a recording or folder, and their reconstructor."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from tactilevision import sensors
 from tactilevision.batch.tree import find_sources
 from tactilevision.cli import console
 from tactilevision.errors import InputError
@@ -29,49 +25,6 @@ from tactilevision.recording import layout
 from tactilevision.recording.ball_folder import read_ball_folder
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, require
-
-SensorOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Use a profile (.tvs) of `calibrate-sensor`; for a bare folder, name a sensor or a TOML file of one."
-    ),
-]
-ReferenceOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="Take this frame of the untouched gel, or a folder of them. By default of a bare folder: the first."
-    ),
-]
-
-
-def check_scale(mm_per_px: float | None) -> float | None:
-    """Return the value of --mm-per-px. Raises InputError for an implausible one."""
-    if mm_per_px is not None:
-        sensors.check_scale(mm_per_px, where="--mm-per-px")
-    return mm_per_px
-
-
-ScaleOption = Annotated[
-    float | None,
-    typer.Option(
-        "--mm-per-px",
-        callback=check_scale,
-        help="State the scale of the (rectified) frames or the depth TIFF. That of a bare folder is else guessed.",
-    ),
-]
-MethodOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Use polynomial, auto, lookup, network, or a file of `train`. By default it is the best available."
-    ),
-]
-BallOption = Annotated[
-    float | None,
-    typer.Option(min=0.01, max=1000, help="State the radius of all balls, for ball presses without a table."),
-]
-EvenSoOption = Annotated[
-    bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")
-]
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from tactilevision.cli import console, source as sources
+from tactilevision.cli import console, options, source as sources
 from tactilevision.errors import InputError, check_known
 from tactilevision.files.runs import output_lock
 from tactilevision.force.calibrated import check_gel, material_of, read_calibration
@@ -33,48 +31,27 @@ from tactilevision.recording.model import Recording
 from tactilevision.sensors import usual_gel
 
 
-def train(
-    recording: Annotated[
-        Path, typer.Argument(help="A recording, or a folder of ball presses and flats, also of gs_sdk.")
-    ],
-    method: Annotated[str, typer.Option(help="Choose polynomial, auto, lookup or network.")] = "auto",
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Write the method here, and its card next to it.")
-    ] = Path("method.npz"),
-    licence: Annotated[str, typer.Option(help="State the file's licence, for its card.")] = "not stated",
-    guide: Annotated[
-        bool, typer.Option("--guide", help="First mark the balls on a page; also writes a profile.")
-    ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port (0: any).")] = 0,
-    sensor: sources.SensorOption = None,
-    reference: sources.ReferenceOption = None,
-    mm_per_px: sources.ScaleOption = None,
-    ball_radius_mm: sources.BallOption = None,
-    json: console.JsonOption = None,
-) -> None:
-    """Calibrate a photometric method for --method FILE.
-
-    Its card states its errors; a figure shows held-out balls, and flat steps certified by the recording's own
-    presses, by depth and by contact size.
-    """
-    check_known(method, PHOTOMETRIC, what="no photometric method of that name", where="--method")
-    chosen = sources.Choice(sensor, reference, None, mm_per_px)
-    if guide:
-        _guide(recording, chosen, ball_radius_mm, method=method, port=port)
-    source = sources.open_balls(recording, chosen, ball_radius_mm)
+def train(given: options.Train) -> None:
+    """Calibrate a photometric method for --method FILE."""
+    check_known(given.method, PHOTOMETRIC, what="no photometric method of that name", where="--method")
+    chosen = sources.Choice(given.sensor, given.reference, None, given.mm_per_px)
+    if given.guide:
+        _guide(given.recording, chosen, given.ball_radius_mm, method=given.method, port=given.port)
+    source = sources.open_balls(given.recording, chosen, given.ball_radius_mm)
     if not source.balls:
         remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
-        raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
+        where = given.recording / "reference" / "ball"
+        raise InputError("no ball presses to train on", where=where, remedy=remedy)
     with console.progress_bar("calibrating the light:") as progress:
-        made = build_reconstructor(source, method, progress=progress)
+        made = build_reconstructor(source, given.method, progress=progress)
     console.warn([*source.warnings, *made.warnings])
-    kept = _trained(source, made, licence)
-    _save(kept, out, network=method == "network")
+    kept = _trained(source, made, given.licence)
+    _save(kept, given.out, network=given.method == "network")
     shown = {name: value for name, value in kept.card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
-    if guide:
-        _save_profile(source, made, out)
-    console.hand_over(kept.card.to_json(), json)
+    if given.guide:
+        _save_profile(source, made, given.out)
+    console.hand_over(kept.card.to_json(), given.json)
 
 
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
@@ -133,41 +110,24 @@ def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
 
 
-def calibrate_sensor(
-    path: Annotated[
-        Path, typer.Argument(help="A recording, a folder of ball presses and flats, or one of frames.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Write FILE.tvs.")] = Path("my_sensor.tvs"),
-    sensor: Annotated[
-        str | None, typer.Option(help="For a bare folder, name the sensor, or a TOML file with a [sensor] table.")
-    ] = None,
-    reference: sources.ReferenceOption = None,
-    method: sources.MethodOption = None,
-    mm_per_px: sources.ScaleOption = None,
-    ball_radius_mm: sources.BallOption = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Take E and nu from calibration.json, or else fit them.")
-    ] = None,
-    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: no force is given.")] = False,
-    serial: Annotated[str | None, typer.Option(help="State the unit's serial number, where no file does.")] = None,
-    json: console.JsonOption = None,
-) -> None:
+def calibrate_sensor(given: options.CalibrateSensor) -> None:
     """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
-    check_name(out)
-    chosen = sources.Choice(sensor, reference, method, mm_per_px)
-    recording = _open(path, chosen, ball_radius_mm, serial)
+    check_name(given.out)
+    chosen = sources.Choice(given.sensor, given.reference, given.method, given.mm_per_px)
+    recording = _open(given.path, chosen, given.ball_radius_mm, given.serial)
     with console.progress_bar("calibrating the light:") as progress:
         reconstructor = chosen.light(recording, progress)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    content, certified, said = (None, (), ()) if light_only else _known(recording, calibration)
+    content, certified, said = (None, (), ()) if given.light_only else _known(recording, given.calibration)
     with console.progress_bar("solving the gel"):
         face_law = None
         if content is not None:
             reconstructor, face_law = _taught(recording, reconstructor, certified, said=said)
-        write_profile(make_profile(recording, reconstructor, calibration=content, face_law=face_law), out)
-    found = read_profile(out)
-    console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 10**6:.1f} MB", *_contents(found))
-    console.hand_over(_as_json(found), json)
+        write_profile(make_profile(recording, reconstructor, calibration=content, face_law=face_law), given.out)
+    found = read_profile(given.out)
+    size = f"{given.out.stat().st_size / 10**6:.1f} MB"
+    console.say(f"wrote {given.out}: {found.name}, {found.date}, {size}", *_contents(found))
+    console.hand_over(_as_json(found), given.json)
 
 
 _SHEAR = {

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import typer
 
 from tactilevision.batch.selection import (
     Maps,
@@ -21,7 +20,7 @@ from tactilevision.batch.selection import (
     is_tiff,
     read_map,
 )
-from tactilevision.cli import console, source
+from tactilevision.cli import console, options, source
 from tactilevision.errors import InputError, check_known
 from tactilevision.files.exports import EXPORTS, UNKNOWN, export as export_map
 from tactilevision.force.frame import Readings
@@ -40,44 +39,24 @@ if TYPE_CHECKING:
 Singles = npt.NDArray[np.float32]
 
 
-def view(
-    path: Annotated[
-        Path, typer.Argument(help="A depth TIFF, what `depth` wrote, or a recording, video, frame or folder.")
-    ],
-    out: console.OutOption = Path("view_out"),
-    frame: Annotated[str | None, typer.Option(help="Show this frame; by default the deepest of a few.")] = None,
-    minus: Annotated[str | None, typer.Option(help="Also draw the difference to this frame or TIFF.")] = None,
-    film: Annotated[str | None, typer.Option(help="Film a press, FIRST:LAST or `all` to MP4 or GIF.")] = None,
-    export: Annotated[
-        list[str] | None, typer.Option(help="Also write tiff, npz, zarr, ply or vtk (repeatable).")
-    ] = None,
-    sensor: source.SensorOption = None,
-    reference: source.ReferenceOption = None,
-    method: source.MethodOption = None,
-    mm_per_px: source.ScaleOption = None,
-    terms: Annotated[bool, typer.Option("--terms", help="Also draw the largest term of the deviation.")] = False,
-    html: Annotated[bool, typer.Option("--html", help="Also write a page with a surface to turn.")] = False,
-    window: Annotated[
-        bool, typer.Option("--window", help="Open a window: frames, profiles by mouse, surface.")
-    ] = False,
-) -> None:
+def view(given: options.View) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
-    _check(export or [], screen=window)
-    chosen = source.Choice(sensor, reference, method, mm_per_px)
-    opened: _Opened | Maps = find_maps(path, mm_per_px) or _Opened(path, chosen)
-    filmed = [] if film is None else _filmed(opened, film)
-    height, rgb = opened.best() if frame is None else opened.named(frame)
+    _check(given.export or [], screen=given.window)
+    chosen = source.Choice(given.sensor, given.reference, given.method, given.mm_per_px)
+    opened: _Opened | Maps = find_maps(given.path, given.mm_per_px) or _Opened(given.path, chosen)
+    filmed = [] if given.film is None else _filmed(opened, given.film)
+    height, rgb = opened.best() if given.frame is None else opened.named(given.frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
-    other = None if minus is None else _other(minus, opened, mm_per_px)
-    figures = _draw(height, rgb, other, _terms(height, opened) if terms else None)
-    for written in _write(figures, height, out, html=html, forms=export or []):
+    other = None if given.minus is None else _other(given.minus, opened, given.mm_per_px)
+    figures = _draw(height, rgb, other, _terms(height, opened) if given.terms else None)
+    for written in _write(figures, height, given.out, html=given.html, forms=given.export or []):
         console.say(f"wrote {written}")
-    if film is not None:
-        console.say(f"wrote {_film(opened, film, filmed, out)}")
-    if window:
+    if given.film is not None:
+        console.say(f"wrote {_film(opened, given.film, filmed, given.out)}")
+    if given.window:
         maps, number = (lambda n: opened.named(opened.names[n])[0]), opened.number(height.name)
         shown = viewer.Window(opened.names, maps, number=number, marked=other)
-        style.show([shown.figure], title=f"tactilevision: {path}")
+        style.show([shown.figure], title=f"tactilevision: {given.path}")
 
 
 def _write(

@@ -8,12 +8,13 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, BinaryIO
 
 from tactilevision.errors import InputError, TactilevisionError, one_line
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 # Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
 # TACTILEVISION_MAX_PIXELS=200000000.
@@ -192,8 +193,8 @@ def check_numbers(values: npt.NDArray[np.number], *, what: str, where: object) -
 
     NaN passes: the reader decides whether a gap is allowed.
     """
-    if values.dtype in (np.int64, np.uint64):
-        values = values.astype(np.float64)
+    if values.dtype in ("int64", "uint64"):
+        values = values.astype("float64")
     if values.dtype.kind == "f":
-        largest = np.abs(values).max(initial=0.0, where=~np.isnan(values))
+        largest = abs(values).max(initial=0.0, where=values == values)
         check(float(largest), "MAX_NUMBER", what=what, where=where)

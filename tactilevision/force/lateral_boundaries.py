@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -60,13 +60,8 @@ class GelMesh:
 
     @property
     def free(self) -> Indices:
-        """Unknowns that are not fixed at the base."""
-        return self.numbers[:, self.above_base].ravel()
-
-    @property
-    def order(self) -> Indices:
-        """Places (3, levels above the base, N) of the unknowns among those that are not fixed."""
-        return np.arange(3 * self.above_base.sum() * self.face.N).reshape(3, -1, self.face.N)
+        """Numbers (3, levels above the base, N) of the unknowns that are not fixed there."""
+        return self.numbers[:, self.above_base]
 
     @property
     def wall(self) -> Indices:
@@ -74,9 +69,23 @@ class GelMesh:
         return np.asarray(self.face.get_dofs().flatten())
 
 
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Some displacements: products of `levels` (K, k) along the line and, for each axis, of `faces` (N, n)."""
+
+    levels: sparse.csr_array
+    faces: Sequence[sparse.csr_array]
+
+    @property
+    def basis(self) -> sparse.csr_array:
+        """The displacements (3 K N, all)."""
+        return sparse.csr_array(sparse.block_diag([sparse.kron(self.levels, face) for face in self.faces]))
+
+
 def stiffness(mesh: GelMesh, *, poisson_ratio: float) -> sparse.csc_array:
     """Return K of all unknowns, (3 K N, 3 K N), at modulus 1 MPa."""
-    shear, volume = stiffness_parts(mesh)
+    every = Span(sparse.eye_array(mesh.line.N, format="csr"), [sparse.eye_array(mesh.face.N, format="csr")] * 3)
+    ((shear, volume),) = stiffness_parts(mesh, [every])
     return combined(shear, volume, poisson_ratio=poisson_ratio)
 
 
@@ -87,41 +96,43 @@ def combined(shear: sparse.csc_array, volume: sparse.csc_array, *, poisson_ratio
     return sparse.csc_array(mu * shear + lame * volume)
 
 
-def stiffness_parts(mesh: GelMesh) -> tuple[sparse.csc_array, sparse.csc_array]:
-    """Return the parts of K (3 K N, 3 K N) that mu and lambda multiply."""
+def stiffness_parts(mesh: GelMesh, spans: Iterable[Span]) -> Iterator[tuple[sparse.csc_array, sparse.csc_array]]:
+    """Yield the parts of K that mu and lambda multiply, on the displacements of each span."""
     face, face_0, face_1 = (_integrals(mesh.face, (0, 1), degree) for degree in (None, 0, 1))
     line, line_0, line_1 = (_integrals(mesh.line, (2,), degree) for degree in (None, 0, 1))
-    whole = [[sparse.kron(line[a][b], face[a][b]) for b in range(3)] for a in range(3)]
-    trace = whole[0][0] + whole[1][1] + whole[2][2]
 
-    def shear(i: int, j: int) -> Any:
-        """Return 2 eps : eps = u_i,j v_i,j + u_i,j v_j,i."""
-        return whole[j][i] + trace if i == j else whole[j][i]
+    def shear(i: int, j: int) -> list[tuple[Any, Any]]:
+        """Return 2 eps : eps = u_i,j v_i,j + u_i,j v_j,i as products of line and face."""
+        return [(line[j][i], face[j][i]), *((line[a][a], face[a][a]) for a in range(3) if i == j)]
 
-    def volume(i: int, j: int) -> Any:
+    def volume(i: int, j: int) -> list[tuple[Any, Any]]:
         """Return P on 1, x, y (face) and on z (line)."""
-        return sparse.kron(line_0[i][j], face_1[i][j] - face_0[i][j]) + sparse.kron(line_1[i][j], face_0[i][j])
+        return [(line_0[i][j], face_1[i][j] - face_0[i][j]), (line_1[i][j], face_0[i][j])]
 
-    of_mu, of_lambda = (
-        sparse.csc_array(sparse.block_array([[part(i, j) for j in range(3)] for i in range(3)]))
-        for part in (shear, volume)
-    )
-    return of_mu, of_lambda
+    def on(span: Span, part: Callable[[int, int], list[tuple[Any, Any]]]) -> sparse.csc_array:
+        up, faces = span.levels, span.faces
+        blocks = [
+            [sum(sparse.kron(up.T @ a @ up, faces[i].T @ b @ faces[j]) for a, b in part(i, j)) for j in range(3)]
+            for i in range(3)
+        ]
+        return sparse.csc_array(sparse.block_array(blocks))
+
+    yield from ((on(span, shear), on(span, volume)) for span in spans)
 
 
 # A gel is symmetric about both axes of its face, and so is its mesh. Displacements are sums of four parts, each
 # even or odd in x and in y; each part is a problem of its own, on a quarter of the unknowns.
 
 
-def symmetric_parts(mesh: GelMesh) -> Iterator[sparse.csr_array]:
-    """Yield orthonormal bases (free unknowns, about a quarter of them) of the displacements of each symmetry."""
-    places, levels = mesh.face.doflocs.T, sparse.eye_array(mesh.order.shape[1])
+def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
+    """Yield orthonormal displacements of each symmetry, about a quarter of those that are not fixed."""
+    places, levels = mesh.face.doflocs.T, sparse.eye_array(mesh.line.N, format="csr")[:, mesh.above_base]
     mirrors = list(product((1, -1), (1, -1)))
     partners = np.stack([cKDTree(places).query(places * mirror)[1] for mirror in mirrors])
     first = np.unique(partners.min(axis=0))
     columns = np.tile(np.arange(first.size), len(mirrors))
     for parity in mirrors:
-        blocks = []
+        faces = []
         for axis in range(3):
             turns = [mirror[axis] if axis < 2 else 1 for mirror in mirrors]  # of the component itself
             signs = [
@@ -131,9 +142,9 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[sparse.csr_array]:
             entries = np.repeat(np.array(signs, np.float64), first.size), (partners[:, first].ravel(), columns)
             basis = sparse.csc_array(sparse.coo_array(entries, shape=(len(places), first.size)))
             length = sparse.linalg.norm(basis, axis=0)
-            basis = basis[:, length > 0] @ sparse.diags_array(1 / length[length > 0])  # 0: it cancels on an axis
-            blocks.append(sparse.kron(levels, basis))
-        yield sparse.csr_array(sparse.block_diag(blocks))
+            some = length > 0  # those that do not cancel on an axis
+            faces.append(sparse.csr_array(basis[:, some] @ sparse.diags_array(1 / length[some])))
+        yield Span(levels, faces)
 
 
 def _integrals(basis: skfem.Basis, axes: tuple[int, ...], degree: int | None) -> Blocks:
@@ -336,21 +347,28 @@ def solve_sides(
     """Return the displacement (ratios, 3 S, 3 S), mm/N at 1 MPa, that the free sides add at `places_mm` (S, 2)."""
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     near = from_side(gel, places_mm) < FORGETS * gel.thickness_mm
-    shear, volume = (part[mesh.free][:, mesh.free] for part in stiffness_parts(mesh))
-    parts, stations = list(symmetric_parts(mesh)), interpolation(mesh.face, places_mm[near])
+    stations, spans = interpolation(mesh.face, places_mm[near]), list(symmetric_parts(mesh))
     three, index = np.arange(3), np.flatnonzero(near)
     tables = np.zeros((len(poisson_ratios), len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
-    for table, nu in zip(tables, poisson_ratios, strict=True):
-        field = layer_stress(
-            np.ravel(mesh.line.global_coordinates()),
-            LOAD_MM,
-            thickness_mm=gel.thickness_mm,
-            poisson_ratio=nu,
-            reach_mm=FORGETS * gel.thickness_mm,
+    loads = [
+        _wall_forces(
+            mesh,
+            layer_stress(
+                np.ravel(mesh.line.global_coordinates()),
+                LOAD_MM,
+                thickness_mm=gel.thickness_mm,
+                poisson_ratio=nu,
+                reach_mm=FORGETS * gel.thickness_mm,
+            ),
+            places_mm[near],
         )
-        loads, matrix = _wall_forces(mesh, field, places_mm[near]), combined(shear, volume, poisson_ratio=nu)
-        seen = sum(_of_one_symmetry(mesh, basis, matrix, loads, stations) for basis in parts)
-        table[np.ix_(index, three, index, three)] = np.reshape(seen, (len(index), 3, len(index), 3))
+        for nu in poisson_ratios
+    ]
+    for span, (shear, volume) in zip(spans, stiffness_parts(mesh, spans), strict=True):
+        for table, nu, load in zip(tables, poisson_ratios, loads, strict=True):
+            matrix = combined(shear, volume, poisson_ratio=nu)
+            seen = _of_one_symmetry(mesh, span.basis, matrix, load, stations)
+            table[np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
     return tables.reshape(len(poisson_ratios), 3 * len(places_mm), 3 * len(places_mm))
 
 
@@ -358,12 +376,12 @@ def _of_one_symmetry(
     mesh: GelMesh, basis: sparse.csr_array, matrix: sparse.csc_array, loads: Floats, stations: sparse.csr_array
 ) -> Floats:
     """Return the displacement (3 S, 3 S) at the stations by the part of the `loads` that the basis spans."""
-    on_wall = sparse.csr_array(basis[mesh.order[:, :, mesh.wall].ravel()].T)
+    on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
     loaded = np.flatnonzero(np.diff(on_wall.indptr))
     shapes, sizes, mix = np.linalg.svd(-(on_wall[loaded] @ loads), full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
     factor = splu(
-        sparse.csc_array(basis.T @ matrix @ basis),
+        matrix,
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
@@ -371,7 +389,7 @@ def _of_one_symmetry(
     right = np.zeros((basis.shape[1], rank))
     right[loaded] = shapes[:, :rank]
     solved = factor.solve(right)
-    answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.order[:, 0]], axis=1)
+    answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
     return np.asarray(answers.reshape(-1, rank) @ (sizes[:rank, None] * mix[:rank]))
 
 

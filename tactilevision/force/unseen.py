@@ -20,7 +20,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
-from scipy.signal import fftconvolve
 
 from tactilevision.force.compliance import Compliance
 from tactilevision.force.kernel import layer_cells
@@ -154,11 +153,12 @@ def _templates(
     edge = r[touching] > radius_mm - fine_mm
     level = float(bowl[edge].sum() / punch[edge].sum())
     kernel = layer.table.reshape(2 * count - 1, 2 * count - 1, 9)[..., 8]
-    found = []
+    found, size = [], [fft.next_fast_len(2 * count - 1, real=True)] * 2  # of fields without wrapping
+    waves, inner = fft.rfft2(kernel, size), slice(count - 1, 2 * count - 1)
     for pressure in (punch, np.maximum(level * punch - bowl, 0.0) / level):
         field = np.zeros((count, count))
         field.flat[touching] = pressure
-        moved = fftconvolve(kernel, field, mode="valid")
+        moved = fft.irfft2(waves * fft.rfft2(field, size), size)[inner, inner]
         cells = moved.reshape(count // split, split, count // split, split).mean(axis=(1, 3))
         found.append(Template(np.where(cells > FAINT, cells, 0.0), float(pressure.sum() * fine_mm**2)))
     return found[0], found[1]

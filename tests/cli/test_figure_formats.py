@@ -13,7 +13,7 @@ from each import each
 
 from calibration.tasks import validate as method
 from tactilevision.cli import main
-from tactilevision.cli.console import FigureFormat
+from tactilevision.cli.shared_options import FigureFormat
 from tactilevision.mechanics.punch_curve import PunchCurve
 from tactilevision.plots.style import FORMS
 

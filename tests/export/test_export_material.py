@@ -9,18 +9,18 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from benchmarks.simulators import calibration
-from tactilevision.cli import main
+from tactilevision.cli import main, shared_options
 from tactilevision.errors import InputError
 from tactilevision.export.laws import Fitted, fit
 from tactilevision.export.material import GOAL, ExportedMaterial, ExportSettings, export_material
 from tactilevision.export.programs import PROGRAMS
-from tactilevision.export.shapes import Shape
+from tactilevision.export.shapes import Shape, ShapeName
 from tactilevision.mechanics.ridge_contact import Ridge, ridge_at
 from tactilevision.mechanics.round_contact import contact_curve
 from tactilevision.plots.export import draw_export
@@ -203,3 +203,8 @@ def test_a_shape_outside_the_table_is_drawn_without_its_curve() -> None:
     assert flat.why
     assert math.isnan(flat.largest_error)
     assert len(draw_export(narrow).axes[1].lines) == 1 + len(narrow.compared) - 1
+
+
+def test_the_command_line_knows_the_shapes_and_the_programs() -> None:
+    assert get_args(shared_options.ShapeName) == get_args(ShapeName)
+    assert shared_options.PROGRAMS.split(", ") == list(PROGRAMS)
