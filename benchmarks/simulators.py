@@ -97,6 +97,19 @@ class Pressed:
         return float(np.abs(self.law_N / self.layer_N - 1).max())
 
 
+def ask(python: Path, task: dict[str, Any]) -> list[float]:
+    """What `press_in.py` answers to a task, run by the interpreter of the program."""
+    script = Path(__file__).with_name("press_in.py")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    ran = subprocess.run(
+        [python, script], input=json.dumps(task), capture_output=True, text=True, check=False, env=environment
+    )
+    if ran.returncode:
+        raise RuntimeError(ran.stderr[-2000:])
+    answer: list[float] = json.loads(ran.stdout.strip().splitlines()[-1])
+    return answer
+
+
 def press(program: str, python: Path, exported: ExportedMaterial, shape: Shape) -> Pressed:
     """Press a shape in with the exported text."""
     law, settings = exported.fitted, exported.settings
@@ -115,14 +128,7 @@ def press(program: str, python: Path, exported: ExportedMaterial, shape: Shape) 
         "depths_m": (depth / KILO).tolist(),
         "forces_N": force.tolist(),
     }
-    script = Path(__file__).with_name("press_in.py")
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    ran = subprocess.run(
-        [python, script], input=json.dumps(task), capture_output=True, text=True, check=False, env=environment
-    )
-    if ran.returncode:
-        raise RuntimeError(ran.stderr[-2000:])
-    given: Floats = np.array(json.loads(ran.stdout.strip().splitlines()[-1]))
+    given = np.array(ask(python, task))
     there = force
     if program == "mujoco":  # depths at which it rests under the law's forces
         given, there = force, law.force_N(shape, given * KILO)
