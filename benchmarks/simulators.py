@@ -150,7 +150,7 @@ def calculix_errors(folder: Path) -> Floats:
 
 def usual(shape: Shape) -> ExportSettings:
     """The settings of every comparison."""
-    return ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]), taxel_mm=0.2)
+    return ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]))
 
 
 def main(programs: tuple[str, ...] = tuple(PINNED), *, few: bool = False) -> None:
@@ -162,9 +162,7 @@ def main(programs: tuple[str, ...] = tuple(PINNED), *, few: bool = False) -> Non
             print(f"{program:9} cannot be installed here")
             continue
         for shape in SHAPES[program][: 1 if few else None]:
-            exported = export_material(
-                calibration(), program, ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]))
-            )
+            exported = export_material(calibration(), program, usual(shape))
             found = press(program, python, exported, shape)
             errors = [one.largest_error for one in exported.compared[1:] if not one.why]
             worst = max(errors, key=abs)

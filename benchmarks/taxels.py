@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.simulators import ask, interpreter
-from tactilevision import TaxelGrid, load_sensor
+from tactilevision import TaxelGrid, load_sensor, rectify
 from tactilevision.plots import style
 from tactilevision.recording.images import read_image
 from tactilevision.records.constants import KILO
@@ -26,7 +26,8 @@ COUNT, PITCH_MM = 17, 0.4
 def compare(profile: str, out: Path = ROOT / "docs" / "images" / "taxels.png") -> None:
     """Press, print, draw."""
     frame = read_image(ROOT / "sample_frames" / "gelslim3" / FRAME)
-    seen = load_sensor(profile).read(frame)
+    sensor = load_sensor(profile)
+    seen = sensor.read(frame)
     rows, columns = np.nonzero(seen.contact)
     scale, size = seen.height.mm_per_px, seen.height.depth_mm.shape
     middle = ((columns.mean() - (size[1] - 1) / 2) * scale[0], (rows.mean() - (size[0] - 1) / 2) * scale[1])
@@ -47,17 +48,20 @@ def compare(profile: str, out: Path = ROOT / "docs" / "images" / "taxels.png") -
     print(f"force of the taxels {force:.3f} N, of the wrench {seen.wrench.force_N[2]:.3f} N")
     maps = [(1e6 * simulated, "MuJoCo: depth (µm)"), (1e6 * found.penetration_m, "camera: depth (µm)")]
     maps.append((found.traction_Pa[2] / KILO, "camera: traction (kPa)"))
-    draw(np.asarray(frame), maps, out)
+    half = COUNT * PITCH_MM / 2
+    left, top = (int(c - half / s) for c, s in ((columns.mean(), scale[0]), (rows.mean(), scale[1])))
+    wide, high = (int(2 * half / s) for s in scale)
+    draw(rectify(sensor.profile.sensor, np.asarray(frame))[top : top + high, left : left + wide], maps, out)
 
 
 @style.house_look
 def draw(frame: np.ndarray, maps: list[tuple[np.ndarray, str]], out: Path) -> None:
     """The frame, and the grids next to each other."""
-    figure, panels = style.new_figure(width_in=9, columns=4, height_in=3.3)
+    figure, panels = style.new_figure(width_in=8, columns=4, height_in=3)
     style.as_map(panels[0], "", "", "camera: frame")
-    panels[0].imshow(frame)
-    panels[0].set(xticks=[], yticks=[])
     half = COUNT * PITCH_MM / 2
+    panels[0].imshow(frame, extent=(-half, half, half, -half))
+    panels[0].set(xlabel="x (mm)", ylabel="y (mm)")
     top = max(float(np.nanmax(field)) for field, _ in maps[:2])
     for axes, (field, title) in zip(panels[1:], maps, strict=True):
         style.as_map(axes, "x (mm)", "", title)
