@@ -112,7 +112,41 @@ def genesis(task: dict[str, Any]) -> list[float]:
     return found
 
 
-PRESSES = {"mujoco": mujoco, "drake": drake, "genesis": genesis}
+def tactile(task: dict[str, Any]) -> list[float]:
+    """Penetration in m of the taxels of a square grid, row by row, by MuJoCo's tactile sensor, under a ball."""
+    import mujoco as mj
+    import numpy as np
+
+    n, pitch, (x, y) = task["count"], task["pitch_m"], task["centre_m"]
+    across, down = np.meshgrid(*(((np.arange(n) - (n - 1) / 2) * pitch),) * 2)
+    top = np.stack([across.ravel(), down.ravel(), 0 * down.ravel()], axis=1)
+    at = np.arange((n - 1) * n).reshape(n - 1, n)[:, :-1].ravel()
+    upper = np.concatenate([np.stack([at, at + 1, at + n], 1), np.stack([at + 1, at + n + 1, at + n], 1)])
+    line = np.arange(n)
+    rim = np.concatenate([line[:-1], n * line[:-1] + n - 1, n * n - 1 - line[:-1], n * (n - 1) - n * line[:-1]])
+    after = np.roll(rim, -1)
+    sides = np.concatenate(
+        [np.stack([rim, rim + n * n, after], 1), np.stack([after, rim + n * n, after + n * n], 1)]
+    )
+    faces = np.concatenate([upper, upper[:, ::-1] + n * n, sides])  # a block whose top vertices are the taxels
+    vertices = np.concatenate([top, top - [0, 0, 3e-3]])
+
+    def listed(numbers: Any) -> str:
+        return " ".join(map(str, np.asarray(numbers).ravel()))
+
+    model = mj.MjModel.from_xml_string(
+        f"""<mujoco><asset><mesh name="pad" vertex="{listed(vertices)}" face="{listed(faces)}"/></asset>
+        <worldbody><geom name="pad" type="mesh" mesh="pad"/>
+        <body pos="{x} {y} {task["radius_m"] - task["depth_m"]}"><freejoint/>
+        <geom type="sphere" size="{task["radius_m"]}"/></body></worldbody>
+        <sensor><tactile geom="pad" mesh="pad"/></sensor></mujoco>"""
+    )
+    data = mj.MjData(model)
+    mj.mj_forward(model, data)
+    return [float(depth) for depth in data.sensordata[: n * n]]
+
+
+PRESSES = {"mujoco": mujoco, "drake": drake, "genesis": genesis, "tactile": tactile}
 
 if __name__ == "__main__":
     given = json.load(sys.stdin)

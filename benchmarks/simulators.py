@@ -97,6 +97,19 @@ class Pressed:
         return float(np.abs(self.law_N / self.layer_N - 1).max())
 
 
+def ask(python: Path, task: dict[str, Any]) -> list[float]:
+    """What `press_in.py` answers to a task, run by the interpreter of the program."""
+    script = Path(__file__).with_name("press_in.py")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    ran = subprocess.run(
+        [python, script], input=json.dumps(task), capture_output=True, text=True, check=False, env=environment
+    )
+    if ran.returncode:
+        raise RuntimeError(ran.stderr[-2000:])
+    answer: list[float] = json.loads(ran.stdout.strip().splitlines()[-1])
+    return answer
+
+
 def press(program: str, python: Path, exported: ExportedMaterial, shape: Shape) -> Pressed:
     """Press a shape in with the exported text."""
     law, settings = exported.fitted, exported.settings
@@ -115,14 +128,7 @@ def press(program: str, python: Path, exported: ExportedMaterial, shape: Shape) 
         "depths_m": (depth / KILO).tolist(),
         "forces_N": force.tolist(),
     }
-    script = Path(__file__).with_name("press_in.py")
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    ran = subprocess.run(
-        [python, script], input=json.dumps(task), capture_output=True, text=True, check=False, env=environment
-    )
-    if ran.returncode:
-        raise RuntimeError(ran.stderr[-2000:])
-    given: Floats = np.array(json.loads(ran.stdout.strip().splitlines()[-1]))
+    given = np.array(ask(python, task))
     there = force
     if program == "mujoco":  # depths at which it rests under the law's forces
         given, there = force, law.force_N(shape, given * KILO)
@@ -144,7 +150,7 @@ def calculix_errors(folder: Path) -> Floats:
 
 def usual(shape: Shape) -> ExportSettings:
     """The settings of every comparison."""
-    return ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]), taxel_mm=0.2)
+    return ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]))
 
 
 def main(programs: tuple[str, ...] = tuple(PINNED), *, few: bool = False) -> None:
@@ -156,9 +162,7 @@ def main(programs: tuple[str, ...] = tuple(PINNED), *, few: bool = False) -> Non
             print(f"{program:9} cannot be installed here")
             continue
         for shape in SHAPES[program][: 1 if few else None]:
-            exported = export_material(
-                calibration(), program, ExportSettings(shape, (DEPTHS_MM[0], DEPTHS_MM[-1]))
-            )
+            exported = export_material(calibration(), program, usual(shape))
             found = press(program, python, exported, shape)
             errors = [one.largest_error for one in exported.compared[1:] if not one.why]
             worst = max(errors, key=abs)

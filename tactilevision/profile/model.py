@@ -103,8 +103,9 @@ class Seen(Displayed):
         """Return penetration (rows, columns) in m and traction (3, rows, columns) in Pa, averaged over each taxel.
 
         Penetration is the depth of the gel's face within contact, and 0 outside it: gel that sinks or rises next
-        to a contact is not penetrated. Tractions are None where no force is known. A taxel is NaN where less than
-        half of it was seen. Sums of traction times area are the force where the grid covers the contact.
+        to a contact is not penetrated. Tractions are None where no force is known, and NaN along x and y without
+        shear. A taxel is NaN where less than half of it was seen. Sums of traction times area are the force where
+        the grid covers the contact.
         """
         height, tractions = self.height, self.tractions
         rows, columns = height.depth_mm.shape
@@ -114,10 +115,11 @@ class Seen(Displayed):
         depth_mm = taxel_means(penetration[None], height.valid, (x, y), first, grid=grid)[0]
         if tractions is None:
             return Taxels(grid, depth_mm / KILO, None)
-        every = np.stack([tractions.t_x, tractions.t_y, tractions.t_z])
-        seen = np.asarray(np.isfinite(every).all(axis=0))
-        found = taxel_means(every, seen, tractions.mm_per_px, tractions.first_mm, grid=grid)
-        return Taxels(grid, depth_mm / KILO, found * KILO**2)
+        found = [  # each by itself: without shear only t_z is known
+            taxel_means(t[None], np.isfinite(t), tractions.mm_per_px, tractions.first_mm, grid=grid)[0]
+            for t in (tractions.t_x, tractions.t_y, tractions.t_z)
+        ]
+        return Taxels(grid, depth_mm / KILO, np.stack(found) * KILO**2)
 
     @property
     def std(self) -> Singles | None:

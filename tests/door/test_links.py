@@ -214,7 +214,7 @@ FROM = [["calibrate"], ["passport"], ["depth"], ["view"], ["diagnose"], ["compar
         ["force"],
         ["import", "--out", "o"], ["export", "--out", "x.mcap"], ["plan"],
         ["train", "--method", "polynomial", "--out", "o"], ["calibrate-sensor", "--out", "o.tvs"], ["validate"],
-        ["lerobot", "--camera", "c", "--sensor", "s.tvs", "--out", "o"],
+        ["lerobot", "--camera", "c", "--sensor", "s.tvs", "--out", "o"], ["export-material", "--to", "drake"],
         ["depth", str(PAPER), "--sensor"], ["depth", str(PAPER), "--reference"], ["depth", str(PAPER), "--method"],
         ["force", str(PAPER), "--calibration"], ["diagnose", str(PAPER), "--effect"]]  # fmt: skip
 

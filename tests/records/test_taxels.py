@@ -13,7 +13,7 @@ from tactilevision.records.taxels import TaxelGrid
 MM = 0.1
 
 
-def seen(*, valid: bool = True) -> Seen:
+def seen(*, valid: bool = True, sheared: bool = True) -> Seen:
     """A ball of 4 mm, .3 mm deep, and gel that sinks next to it; tractions on a grid of their own."""
     y, x = np.mgrid[:81, :101] * MM
     away = np.hypot(x - 5.0, y - 4.0)
@@ -25,7 +25,8 @@ def seen(*, valid: bool = True) -> Seen:
     t_z = np.zeros((9, 11))
     t_z[3:6, 4:7] = 0.02
     force = (0.0, 0.0, 0.02 * 9 * 0.25)
-    tractions = TractionMap(0 * t_z, 0.1 * t_z, t_z, (0.5, 0.5), force, force, first_mm=(-2.5, -2.0))
+    t_y = 0.1 * t_z if sheared else np.full_like(t_z, np.nan)
+    tractions = TractionMap(0 * t_y, t_y, t_z, (0.5, 0.5), force, force, first_mm=(-2.5, -2.0))
     return Seen(height, touched, None, tractions, ())
 
 
@@ -35,6 +36,13 @@ def test_the_force_is_conserved_whatever_the_grid() -> None:
         assert force is not None
         assert np.nansum(force[2]) == pytest.approx(0.045)
         assert np.nansum(force[1]) == pytest.approx(0.0045)
+
+
+def test_the_normal_force_is_known_without_shear() -> None:
+    force = seen(sheared=False).at_taxels(TaxelGrid(5, 6, (0.7, 0.9))).force_N
+    assert force is not None
+    assert np.isnan(force[:2]).all()
+    assert np.nansum(force[2]) == pytest.approx(0.045)
 
 
 def test_penetration_is_in_metres_and_zero_outside_contact() -> None:
