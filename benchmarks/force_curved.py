@@ -276,8 +276,10 @@ def main(arguments: Sequence[str]) -> None:
         rows = against_ngsolve(gel, cases, seed=9)
         for std_um, part in ((0, rows[:, :2]), (5, rows[:, 2:])):
             middle, most = 100 * np.percentile(part[:, 0], [50, 95])
-            print(f"{name}, {std_um} um: resultant off by {middle:.2f} % (median), {most:.2f} % (95th), "
-                  f"L2 of normal traction {np.median(part[:, 1]):.3f}")  # fmt: skip
+            off = f"{middle:.2f} % (median), {most:.2f} % (95th)"
+            print(
+                f"{name}, {std_um} um: resultant off by {off}, L2 of normal traction {np.median(part[:, 1]):.3f}"
+            )
 
 
 def quick() -> None:

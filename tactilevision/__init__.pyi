@@ -15,7 +15,7 @@ from .export.material import (
 )
 from .export.shapes import Shape as Shape
 from .files.tiff import read_tiff as read_tiff, write_tiff as write_tiff
-from .force.calibrated import read_material as read_material
+from .force.calibrated import modulus_of as modulus_of, read_material as read_material
 from .force.field import ForceField as ForceField
 from .heightmap.batch import HeightMaps as HeightMaps, reconstruct_batch as reconstruct_batch
 from .heightmap.build import build_reconstructor as build_reconstructor

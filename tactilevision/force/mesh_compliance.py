@@ -180,7 +180,7 @@ def _solved(mesh: GelMesh, grid: NodeGrid, nu: float) -> dict[str, npt.NDArray[A
 
 # What a flat layer would have to be to feel alike: the paper's equivalent thickness, and why it is not used.
 
-MOST_COARSE = 0.02  # of the stiffness under a punch: change from a mesh to a finer one
+MOST_COARSE = 0.02  # of the displacement under a pressure: change from a mesh to a finer one
 STATIONS = 4  # along either side of the view, where the stiffness under a punch is compared with a layer's
 THICKNESSES = (0.3, 3.0)  # of the gel's: range of equivalent thicknesses that is searched
 
@@ -191,19 +191,22 @@ def punch_ratios(made: MeshCompliance) -> Floats:
     The first stands at the picture's centre, the others on a grid of the view; those partly beside the gel count
     with their part on it.
     """
-    grid, thickness = made.grid, made.gel.thickness_mm
-    flat = layer_cells(grid, thickness_mm=thickness, poisson_ratio=made.poisson_ratio)
+    flat = layer_cells(made.grid, thickness_mm=made.gel.thickness_mm, poisson_ratio=made.poisson_ratio)
+    found = []
+    for cells in _stations(made):
+        unit = np.ones(len(cells))
+        here, there = (np.linalg.solve(one.block(cells, 1), unit).sum() for one in (made, flat))
+        found.append(here / there)
+    return np.array(found)
+
+
+def _stations(made: MeshCompliance) -> list[Cells]:
+    grid, reach = made.grid, max(made.gel.thickness_mm, made.grid.spacing_mm)
     x, y, _ = made.surface.places_mm.T
     step = (np.arange(STATIONS) + 0.5) / STATIONS - 0.5
     middles = [(0.0, 0.0), *((a * np.ptp(grid.x_mm), b * np.ptp(grid.y_mm)) for a in step for b in step)]
-    found = []
-    for a, b in middles:
-        cells = np.flatnonzero((np.hypot(x - a, y - b) <= max(thickness, grid.spacing_mm)) & made.inside.ravel())
-        if len(cells):
-            unit = np.ones(len(cells))
-            here, there = (np.linalg.solve(one.block(cells, 1), unit).sum() for one in (made, flat))
-            found.append(here / there)
-    return np.array(found)
+    every = (np.flatnonzero((np.hypot(x - a, y - b) <= reach) & made.inside.ravel()) for a, b in middles)
+    return [cells for cells in every if len(cells)]
 
 
 def equivalent_thickness_mm(made: MeshCompliance) -> tuple[float, float, float]:
@@ -223,16 +226,17 @@ def equivalent_thickness_mm(made: MeshCompliance) -> tuple[float, float, float]:
 
 
 def check_coarse(made: MeshCompliance, finer: MeshCompliance) -> float:
-    """Return by which share the stiffness under punches changes from a mesh to a finer one of the same gel.
+    """Return by which share the mean displacement under a pressure changes from a mesh to a finer one of the gel.
 
-    Raises InputError where that exceeds MOST_COARSE.
+    The pressure is that on the punches of `punch_ratios`. Raises InputError where the change exceeds MOST_COARSE.
     """
-    off = float(np.abs(punch_ratios(made) / punch_ratios(finer) - 1).max())
+    moved = [np.array([one.block(cells, 1).sum() for cells in _stations(made)]) for one in (made, finer)]
+    off = float(np.abs(moved[0] / moved[1] - 1).max())
     if off > MOST_COARSE:
         raise InputError(
             "the mesh is too coarse: a finer one has another stiffness",
             where="check_coarse",
             value=f"{100 * off:.1f} %",
-            remedy="Halve the elements of the seen surface; one element a cell is enough for hexahedra.",
+            remedy="Halve the elements of the seen surface; one a cell is enough for hexahedra.",
         )
     return off

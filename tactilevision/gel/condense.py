@@ -52,7 +52,7 @@ def condensed(
     """
     depth = max(0, int(np.ceil(np.log2(len(elements) / LEAF))))
     leaf = _leaves(places_mm[elements].mean(axis=1), depth)
-    sweep = _Sweep(elements, held, stiffness, loads, leaf, _owners(elements, leaf, len(places_mm)), depth)
+    sweep = _Sweep(elements, held, stiffness, loads, (leaf, _owners(elements, leaf, len(places_mm))))
     sweep.run(1)
     return sweep.result.reshape(3, loads.shape[1], 3, loads.shape[1])
 
@@ -85,11 +85,12 @@ def _owners(elements: Ints, leaf: Ints, count: int) -> Ints:
 
 
 class _Sweep:
-    def __init__(self, elements: Ints, held: Bools, stiffness: Stiffness, loads: sparse.csr_array, leaf: Ints,
-                 owner: Ints, depth: int) -> None:  # fmt: skip
+    def __init__(
+        self, elements: Ints, held: Bools, stiffness: Stiffness, loads: sparse.csr_array, owner: tuple[Ints, Ints]
+    ) -> None:
         self.elements, self.held, self.stiffness, self.loads = elements, held, stiffness, loads
-        self.leaf, self.owner, self.depth = leaf, owner, depth
-        self.loaded = np.diff(loads.indptr) > 0
+        self.leaf, self.owner = owner
+        self.depth, self.loaded = int(self.leaf.max()).bit_length(), np.diff(loads.indptr) > 0
         self.result = np.zeros((3 * loads.shape[1],) * 2, dtype=np.float32)
 
     def run(self, part: int) -> Front:

@@ -22,7 +22,8 @@ import numpy.typing as npt
 from tactilevision.records.measured import Floats
 
 Ints = npt.NDArray[np.intp]
-HEX, TET = 27, 10  # nodes of an element of either kind
+HEX = 27  # nodes of a hexahedron
+TET = 10  # nodes of a tetrahedron
 EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # of a tetrahedron, in the order of their middle nodes
 GAUSS = (np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 9)  # points and weights on [-1, 1]
 

@@ -24,7 +24,9 @@ OTHER_THICKNESS = 0.25  # of the stated one: a mesh that differs by more is anot
 SOLIDS = {"tetra": 4, "tetra10": 10, "hexahedron": 8, "hexahedron20": 20, "hexahedron27": 27}
 # places i + 3 j + 9 k of the nodes of VTK's hexahedra: corners, then middles of edges, faces, and the element
 CORNER = (0, 2, 8, 6, 18, 20, 26, 24)
+# middles of edges, in the same order
 EDGE = (1, 5, 7, 3, 19, 23, 25, 21, 9, 11, 17, 15)
+# middles of faces, and of the element
 FACE = (12, 14, 10, 16, 4, 22, 13)
 VTK_TET10 = (0, 1, 2, 3, 4, 6, 7, 5, 8, 9)  # meshio's middles 01 12 02 03 13 23 as 01 02 03 12 13 23
 

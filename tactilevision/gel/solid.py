@@ -14,9 +14,10 @@ def geometry_key(gel: Gel) -> str:
 
     Raises InputError for a file that is not there.
     """
-    about = (gel.thickness_mm, gel.shape, gel.radius_mm, gel.size_mm, gel.curvature_mm, gel.base, gel.axis,
-             gel.thickness_ends_mm, gel.layers, gel.mesh_unit, gel.seen, gel.bonded)  # fmt: skip
-    return repr((about, None if gel.mesh is None else file_key(gel.mesh)))
+    outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, gel.thickness_ends_mm
+    inside = gel.curvature_mm, gel.base, gel.axis, gel.layers
+    file = None if gel.mesh is None else (file_key(gel.mesh), gel.mesh_unit, gel.seen, gel.bonded)
+    return repr((outline, inside, file))
 
 
 def gel_mesh(gel: Gel, x_mm: Floats, y_mm: Floats, *, spacing_mm: float) -> GelMesh:

@@ -39,8 +39,8 @@ def pressed(x_mm: float, y_mm: float, *, depth_mm: float = 0.15, std_mm: float =
     off = np.sum(away**2, axis=-1) - along**2
     facing = np.sqrt(np.maximum(36 - across**2 - down**2, 1)) / 6
     noise = std_mm * np.random.default_rng(0).standard_normal(SHAPE)
-    return HeightMap(np.clip(depth_mm - off / 6, 0, None) / facing + noise, across**2 + down**2 < 20, SCALE,
-                     std_mm=np.full(SHAPE, std_mm))  # fmt: skip
+    seen = np.clip(depth_mm - off / 6, 0, None) / facing + noise
+    return HeightMap(seen, across**2 + down**2 < 20, SCALE, std_mm=np.full(SHAPE, std_mm))
 
 
 def still() -> ShearMap:

@@ -111,15 +111,17 @@ def test_a_flat_mesh_is_as_stiff_as_the_layer_and_needs_no_other_thickness() -> 
 
 def test_two_sizes_of_a_mesh_tell_whether_it_is_too_coarse() -> None:
     grid = lay_grid((20, 20), (0.1, 0.1), spacing_mm=0.5)
-    gel = Gel(0.6, shape="wedge", thickness_ends_mm=(0.5, 0.7), size_mm=(4.0, 4.0))
 
-    def sized(step_mm: float) -> MeshCompliance:
-        middles = np.arange(-2 + step_mm / 2, 2, step_mm)
+    def sized(thickness_mm: float, step_mm: float) -> MeshCompliance:
+        gel, middles = (
+            Gel(thickness_mm, shape="rectangle", size_mm=(4, 4)),
+            np.arange(-2 + step_mm / 2, 2, step_mm),
+        )
         return compliance_of(shape_mesh(gel, middles, middles, spacing_mm=step_mm), gel, grid, poisson_ratio=0.48)
 
-    assert check_coarse(sized(0.5), sized(0.25)) < 0.02
+    assert check_coarse(sized(3.0, 0.5), sized(3.0, 0.25)) < 0.02
     with pytest.raises(InputError, match="too coarse"):
-        check_coarse(sized(4.0), sized(0.5))
+        check_coarse(sized(1.0, 1.0), sized(1.0, 0.5))
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,11 @@ FAULTS = [
     ("thickness_mm = 3.0", "thickness_mm = nan", "[sensor.gel] thickness_mm must be a finite number (got nan)"),
     ("thickness_mm = 3.0", "thickness_mm = true", "[sensor.gel] thickness_mm must be a number (got True)"),
     ("thickness_mm = 3.0", "", "[sensor.gel] thickness_mm is missing"),
-    ('"disc"', '"disk"', "[sensor.gel] shape must be 'disc', 'rectangle' or 'unbounded' (got 'disk')"),
+    (
+        '"disc"',
+        '"disk"',
+        "'curved', 'wedge' or 'mesh' (got 'disk')",
+    ),
     ("radius_mm = 15.0", "", '[sensor.gel] shape = "disc" needs radius_mm'),
     ("radius_mm = 2.5", "", '[indenter.A1] shape = "flat_cylinder" needs radius_mm'),
     ("radius_mm = 2.5", "diameter_mm = 5.0", "needs radius_mm, half of its diameter_mm = 5.0"),
