@@ -2,26 +2,21 @@
 
     a change -> the model is fitted -> the page is updated -> evidence for effects -> the likeliest are fitted
 
-The verdict comes from a process of its own. A reader gets one immutable `Shown` with a growing version number. A
-signal cancels work by raising `Dropped` in the main thread, within a fit; in another thread, and on Windows, work
-continues to its end. `Dropping.whole` protects what must be complete.
+The verdict comes from a process of its own. A reader gets one immutable `Shown` with a growing version number.
+`Dropping` cancels work.
 """
 
 from __future__ import annotations
 
-import _thread
 import shlex
-import signal
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import chain
 from pathlib import Path
-from types import FrameType
 
 from calibration.report.misfit import BASE
 from calibration.tasks.calibrate import HistoryRow, history
@@ -29,6 +24,7 @@ from calibration.tasks.compare import Comparison, suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench import analysis
 from calibration.workbench.analysis import Asking, Evidence, Fitted, Verdict
+from calibration.workbench.dropping import Dropping
 from calibration.workbench.opened import Opened, what_changed, with_own
 from tactilevision.errors import InputError
 from tactilevision.files.opening import real_path
@@ -120,81 +116,6 @@ def in_words(action: str, value: str) -> str:
         "leave_out": f"fitting without {value}",
         "put_back": f"fitting with {value}",
     }.get(action, action)
-
-
-# The work, and its cancellation.
-
-SIGNAL = getattr(signal, "SIGUSR1", None)
-
-
-class Dropped(BaseException):
-    """Work was cancelled; not an Exception, so that a fit does not handle it as a failure."""
-
-
-class Dropping:
-    """Cancellation of one piece of work at a time, by its name."""
-
-    def __init__(self) -> None:
-        self._at, self._what, self._wanted, self._armed = "", "", False, False
-
-    @contextmanager
-    def armed(self) -> Iterator[None]:
-        """Allow cancellation while the block runs, where the system supports it."""
-        if SIGNAL is None or threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def end(_number: int, _frame: FrameType | None) -> None:
-            if self._at:
-                raise Dropped
-            self._wanted = True
-
-        before = signal.signal(SIGNAL, end)
-        self._armed = True
-        try:
-            yield
-        finally:
-            self._armed = False
-            signal.signal(SIGNAL, before)
-
-    def run(self, what: str, job: Callable[[], None]) -> bool:
-        """Run a job; return False where it was cancelled."""
-        try:
-            self._wanted, self._what, self._at = False, what, what
-            job()
-            self._at = ""
-        except Dropped:
-            return False
-        finally:
-            self._at = self._what = ""
-        return True
-
-    @contextmanager
-    def whole(self) -> Iterator[None]:
-        """Complete the block, then cancel the work if that was requested meanwhile."""
-        if threading.current_thread() is not threading.main_thread() or not self._at:
-            yield
-            return
-        at, self._at = self._at, ""
-        yield
-        self._at = at
-        if self._wanted:
-            self._wanted = False
-            raise Dropped
-
-    def keep(self) -> None:
-        """Protect the rest of the current work, which stores its result."""
-        self._at = self._what = ""
-
-    @property
-    def what(self) -> str:
-        """Name of the current work that can be cancelled; empty where there is none."""
-        return self._what if self._armed else ""
-
-    def drop(self, *what: str) -> None:
-        """Cancel the current work if it has one of these names. May be called from any thread."""
-        if self._armed and SIGNAL is not None and self._what in what:
-            _thread.interrupt_main(SIGNAL)
 
 
 BACKGROUND, ACTION = "background", "action"

@@ -319,8 +319,15 @@ def test_the_page_is_there_while_presses_are_certified_and_stays_where_they_cann
 
     press: Any = SimpleNamespace(press="p1", indenter="A")
     measured: Any = SimpleNamespace(recording=SimpleNamespace(name="made", presses=(press,)), points=())
-    made = Bench(Opened((), (measured,)), History(("made",)), export=lambda *_: tmp_path, keep=lambda _: None,
-                 out=tmp_path, asks=False, read=read)  # fmt: skip
+    made = Bench(
+        Opened((), (measured,)),
+        History(("made",)),
+        export=lambda *_: tmp_path,
+        keep=lambda _: None,
+        out=tmp_path,
+        asks=False,
+        read=read,
+    )
     made.work(until_idle=True)
     view = state_view(made)
     assert seen == [("certifying presses: frames", "being certified")]
@@ -333,8 +340,14 @@ def test_the_page_is_there_while_presses_are_certified_and_stays_where_they_cann
 def test_what_was_stated_of_a_model_stays_and_an_export_keeps_every_caveat(made: Bench) -> None:
     modulus = Estimate.normal(0.2, 0.03, "MPa")
     known = made._known[(), ()]
-    known.verdict = Verdict("IDENTIFIED", "It is missing.", named=("depth_zero",), modulus=modulus,
-                            next_modulus=Estimate.normal(0.21, 0.02, "MPa"), warnings=("shaded",))  # fmt: skip
+    known.verdict = Verdict(
+        "IDENTIFIED",
+        "It is missing.",
+        named=("depth_zero",),
+        modulus=modulus,
+        next_modulus=Estimate.normal(0.21, 0.02, "MPa"),
+        warnings=("shaded",),
+    )
     shown = do(made, "add", "depth_zero")
     assert shown.stated == {(): modulus, ("depth_zero",): known.verdict.next_modulus}
     shown = do(made, "leave_out", "p1")
@@ -351,8 +364,10 @@ def test_a_press_that_stays_off_says_why(made: Bench) -> None:
     assert shown.now is not None
     fitted = shown.now.found.models[-1].fitted
     rows, left = fitted.data.spans[2], 0.0 * fitted.residual_N
-    for change, said in ((-0.03 * fitted.force_N, "3.0 % low as a whole: beyond the scatter of gains"),
-                         (0.02 * fitted.about.slope_N_per_mm, "its zero is off by 20 µm")):  # fmt: skip
+    for change, said in (
+        (-0.03 * fitted.force_N, "3.0 % low as a whole: beyond the scatter of gains"),
+        (0.02 * fitted.about.slope_N_per_mm, "its zero is off by 20 µm"),
+    ):
         left[rows] = change[rows]
         off = why_off(replace(fitted, residual_N=left))
         assert list(off) == ["p2"]

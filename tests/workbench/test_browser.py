@@ -221,7 +221,7 @@ def test_axe_finds_no_lack_of_contrast_and_no_missing_label(
 ) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
     watched = Watched(browser, workbench[0], "laptop", scheme)
-    watched.page.wait_for_selector("#strip-chart .plot")
+    watched.page.wait_for_selector("#press-chart .main-svg", state="attached")
     found = axe.Axe().run(watched.page).response["violations"]
     assert [(one["id"], [node["target"] for node in one["nodes"]]) for one in found] == []
     watched.page.close()

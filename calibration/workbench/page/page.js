@@ -116,7 +116,7 @@ function tick() {
 /** What was exported, which opens in a tab of its own where the browser lets it. */
 function showSaved(saved) {
   if (!saved) return;
-  $("notice").replaceChildren(h("a", { href: "report.html", target: "_blank" }, "Open the report"), `, written as ${saved}, with calibration.json and repeat.sh in the same folder.`);
+  $("notice").replaceChildren("Written: ", h("a", { href: "report.html", target: "_blank" }, "open the report"), `, ${saved}, with calibration.json and repeat.sh in the same folder.`);
   if (exporting) open_("report.html");
   exporting = false;
 }
