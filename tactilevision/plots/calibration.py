@@ -186,7 +186,7 @@ def draw_ageing(
             below.plot([day], [one.value], "o", color=style.GREEN)
     below.set(ylabel="E (MPa)", xlim=above.get_xlim())
     for axes in (above, below):
-        axes.set_xlabel("days since the first recording")
+        axes.set_xlabel("time since the first recording (days)")
     return style.legend_below(figure, columns=2)
 
 
