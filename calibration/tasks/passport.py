@@ -109,10 +109,7 @@ NUMBERS = {
     "relaxation": "relaxation",
     "temperature_C": "temperature",
 }
-KEPT = (
-    *("poisson_ratio_source", "presses_accepted", "presses_rejected", "assumptions", "warnings", "flags"),
-    "versions",
-)  # keys of calibration.json that an entry keeps
+KEPT = ("poisson_ratio_source", "presses_accepted", "presses_rejected", "assumptions", "flags", "versions")
 
 
 def stored_entry(content: Mapping[str, Any], *, where: object) -> Entry:
@@ -122,10 +119,8 @@ def stored_entry(content: Mapping[str, Any], *, where: object) -> Entry:
     except ValueError as fault:
         why = " ".join(str(fault).split())[:160]
         raise InputError("an entry of the ledger is damaged", where=where, value=why) from fault
-    lacks = [name for name in NUMBERS if name not in found.numbers]
-    lacks += [name for name in KEPT if name not in found.kept]
-    if lacks:
-        raise InputError("an entry of the ledger lacks a key", where=where, value=lacks[0])
+    for name in {*NUMBERS, *KEPT} - {*found.numbers, *found.kept}:
+        raise InputError("an entry of the ledger lacks a key", where=where, value=name)
     return found
 
 
@@ -290,12 +285,7 @@ def check_sources(entries: Sequence[Source]) -> None:
         backwards = f"dates run backwards: {before.recording} is of {before.date}"
         reach = Z95 * math.hypot(one.thickness_std_mm, first.thickness_std_mm) + SAME
         faults = (
-            (
-                one.sensor != first.sensor,
-                sensor,
-                one.sensor,
-                "Make one a sensor; a ledger holds many.",
-            ),
+            (one.sensor != first.sensor, sensor, one.sensor, "Make one a sensor; a ledger holds many."),
             (apart > reach, f"a passport is of one gel, and {thick}", f"{one.thickness_mm:g} mm", ANOTHER_GEL),
             (one.date < before.date, backwards, str(one.date), IN_ORDER),
             (seen.count(one.sha256) > 1, "a recording is named twice", one.sha256[:12], "Name it once."),

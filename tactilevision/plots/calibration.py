@@ -184,7 +184,9 @@ def draw_ageing(
             below.plot([day, day], [low, high], color=style.GREEN, lw=LOOK.line, label="E, its 95 % interval")
         if one.value is not None:
             below.plot([day], [one.value], "o", color=style.GREEN)
-    below.set(xlabel="days since the first recording", ylabel="E (MPa)", xlim=above.get_xlim())
+    below.set(ylabel="E (MPa)", xlim=above.get_xlim())
+    for axes in (above, below):
+        axes.set_xlabel("time since the first recording (days)")
     return style.legend_below(figure, columns=2)
 
 
