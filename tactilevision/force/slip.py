@@ -87,7 +87,8 @@ def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
     weights[:, :2, mine] = along
     weights[0, :2, np.flatnonzero(mine)[~slips]] = 0.0
     slopes = patches.found.response(weights.reshape(2, -1)).reshape(2, 3, -1)
-    square = sum(patches.seen.noise[k].propagate(slopes[:, k], patches.found.cells) for k in (0, 1))
+    x, y = (patches.seen.noise[k].propagate(slopes[:, k], patches.found.cells) for k in (0, 1))
+    square = x + y
     whole = friction * float(pressure.sum())
     by_friction = np.array([-force / friction / limit, 1.0]) / whole
     spread = np.sqrt(np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction]))
@@ -104,7 +105,9 @@ def _lag(place: Floats, moved: Floats, pressure: Floats, std: float) -> tuple[Fl
     forms = np.zeros((4, 2, count))
     forms[0, 0] = forms[1, 1] = 1.0
     forms[2, 0], forms[2, 1], forms[3] = -place[1], place[0], place
-    weight, flat, both, fit = pressure, forms.reshape(4, -1), moved.ravel(), np.zeros(4)
+    flat, both = forms.reshape(4, -1), moved.ravel()
+    weight: Floats = pressure
+    fit: Floats = np.zeros(4)
     for _ in range(ROUNDS):
         weighted = (forms * weight).reshape(4, -1)
         before, fit = fit, np.linalg.solve(weighted @ flat.T, weighted @ both)
