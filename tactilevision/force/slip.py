@@ -93,8 +93,8 @@ def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
     by_friction = np.array([-force / friction / limit, 1.0]) / whole
     spread = np.sqrt(np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction]))
     share = force / whole
-    return Slip(friction, float(spread[0]), share, float(spread[1]), scale * grid.cell_mm2 * (whole - force),
-                lagging, imminent=share > IMMINENT)  # fmt: skip
+    margin_N, (of_friction, of_share) = scale * grid.cell_mm2 * (whole - force), spread.tolist()
+    return Slip(friction, of_friction, share, of_share, margin_N, lagging, imminent=share > IMMINENT)
 
 
 def _lag(place: Floats, moved: Floats, pressure: Floats, std: float) -> tuple[Floats, Floats, float]:
@@ -110,7 +110,7 @@ def _lag(place: Floats, moved: Floats, pressure: Floats, std: float) -> tuple[Fl
     fit: Floats = np.zeros(4)
     for _ in range(ROUNDS):
         weighted = (forms * weight).reshape(4, -1)
-        before, fit = fit, np.linalg.solve(weighted @ flat.T, weighted @ both)
+        before, fit = fit, np.asarray(np.linalg.solve(weighted @ flat.T, weighted @ both), dtype=np.float64)
         rigid = (fit[:3] @ flat[:3]).reshape(2, count)
         size = np.sqrt(rigid[0] ** 2 + rigid[1] ** 2) + TINY
         motion = float(size.mean())
