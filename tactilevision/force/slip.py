@@ -39,7 +39,8 @@ LEAST_MOTION = 0.2  # of the depth: pressing alone spreads the gel by a tenth, u
 NOISY = 0.5  # of the motion: where noise could hide a lag of this size nothing is said
 MIN_CELLS = 12  # of a patch: fewer have no inside
 SOFT = 0.03  # of the motion: a lag that halves a cell's weight, with that of noise
-ROUNDS, SETTLED = 10, 0.01  # of reweighting; of the motion, by which the last round moves it
+ROUNDS = 10  # rounds of reweighting at most
+SETTLED = 0.01  # of the motion: a round that moves it by less is the last
 
 TOO_SMALL = "too few cells to see slip"
 STILL = "moved too little to see slip"
