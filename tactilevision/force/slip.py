@@ -39,7 +39,8 @@ LEAST_MOTION = 0.2  # of the depth: pressing alone spreads the gel by a tenth, u
 NOISY = 0.5  # of the motion: where noise could hide a lag of this size nothing is said
 MIN_CELLS = 12  # of a patch: fewer have no inside
 SOFT = 0.03  # of the motion: a lag that halves a cell's weight, with that of noise
-ROUNDS = 10  # of reweighting
+ROUNDS = 10  # rounds of reweighting at most
+SETTLED = 0.01  # of the motion: a round that moves it by less is the last
 
 TOO_SMALL = "too few cells to see slip"
 STILL = "moved too little to see slip"
@@ -87,31 +88,36 @@ def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
     weights[:, :2, mine] = along
     weights[0, :2, np.flatnonzero(mine)[~slips]] = 0.0
     slopes = patches.found.response(weights.reshape(2, -1)).reshape(2, 3, -1)
-    square = sum(patches.seen.noise[k].propagate(slopes[:, k], patches.found.cells) for k in (0, 1))
+    x, y = (patches.seen.noise[k].propagate(slopes[:, k], patches.found.cells) for k in (0, 1))
+    square = x + y
     whole = friction * float(pressure.sum())
     by_friction = np.array([-force / friction / limit, 1.0]) / whole
     spread = np.sqrt(np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction]))
     share = force / whole
-    return Slip(friction, float(spread[0]), share, float(spread[1]), scale * grid.cell_mm2 * (whole - force),
-                lagging, imminent=share > IMMINENT)  # fmt: skip
+    margin_N, (of_friction, of_share) = scale * grid.cell_mm2 * (whole - force), spread.tolist()
+    return Slip(friction, of_friction, share, of_share, margin_N, lagging, imminent=share > IMMINENT)
 
 
 def _lag(place: Floats, moved: Floats, pressure: Floats, std: float) -> tuple[Floats, Floats, float]:
-    """Return direction (2, C) of the rigid motion of gel at `place` (2, C) mm, the lag (C,) mm behind it, and its
-    rms, mm.
+    """Return direction (2, C) of the rigid motion of gel at `place` (2, C) mm, the lag (C,) mm behind it, and the
+    mean motion, mm.
     """
     count = len(pressure)
     forms = np.zeros((4, 2, count))
     forms[0, 0] = forms[1, 1] = 1.0
-    forms[2], forms[3] = np.stack([-place[1], place[0]]), place
-    weight, flat = pressure, forms.reshape(4, -1)
+    forms[2, 0], forms[2, 1], forms[3] = -place[1], place[0], place
+    flat, both = forms.reshape(4, -1), moved.ravel()
+    weight: Floats = pressure
+    fit: Floats = np.zeros(4)
     for _ in range(ROUNDS):
         weighted = (forms * weight).reshape(4, -1)
-        fit = np.linalg.solve(weighted @ flat.T + TINY * pressure.sum() * np.eye(4), weighted @ moved.ravel())
-        rigid = np.tensordot(fit[:3], forms[:3], 1)
-        size = np.hypot(*rigid) + TINY
-        motion = float(np.sqrt(np.mean(size**2)))
+        before, fit = fit, np.asarray(np.linalg.solve(weighted @ flat.T, weighted @ both), dtype=np.float64)
+        rigid = (fit[:3] @ flat[:3]).reshape(2, count)
+        size = np.sqrt(rigid[0] ** 2 + rigid[1] ** 2) + TINY
+        motion = float(size.mean())
         lag = ((rigid + fit[3] * place - moved) * rigid).sum(axis=0) / size
+        if abs(fit - before)[:2].max() < SETTLED * motion:
+            break
         weight = pressure / (1 + (np.maximum(lag, 0.0) / (std + SOFT * motion + TINY)) ** 2)
     return rigid / size, lag, motion
 
