@@ -33,7 +33,8 @@ def read(field: ForceField, state: Step, std_mm: float = 0.002) -> Slip:
     u, known = FORWARD(state.traction), np.ones(VIEW.shape, dtype=bool)
     off = std_mm * np.random.default_rng(3).standard_normal((2, *VIEW.shape))
     height = HeightMap(at_camera(u, VIEW), known, SCALE, std_mm=np.full(VIEW.shape, 0.001))
-    found = field(height, ShearMap(*(u[:2] + off), known, SCALE, std_mm=std_mm))
+    u_x, u_y = u[:2] + off
+    found = field(height, ShearMap(u_x, u_y, known, SCALE, std_mm=std_mm))
     (patch,) = found.patches
     assert patch.slip is not None
     assert len(patch.row) == len(PATCH_COLUMNS)
