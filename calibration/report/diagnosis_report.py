@@ -517,7 +517,7 @@ def allowed_for(found: Diagnosis) -> str:
         return ""
     most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
     named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]
-    return f"E's interval with what may be unseen allows above all for {', '.join(named)}."
+    return f"E's interval with unseen effects allows above all for {', '.join(named)}."
 
 
 def amount(first: Parameter, size: float) -> str:

@@ -95,7 +95,7 @@ def modulus_line(name: str, result: CalibrationResult) -> str:
     value, alone, whole = _three(result, "youngs_modulus")
     if result.youngs_modulus.value is None:
         return f"{name}: {wording.estimate(result.youngs_modulus)}"
-    return f"{name}: {value} MPa (95 % from the data: {alone}; with what may be unseen: {whole})"
+    return f"{name}: {value} MPa (95 % from the data: {alone}; with unseen: {whole})"
 
 
 def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
