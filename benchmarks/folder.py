@@ -198,7 +198,7 @@ def _timed(act: Callable[[], object]) -> Spent:
 
 
 def quick() -> None:
-    main(["20", "60"])
+    main(["10", "20"])
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ def processor_s(group: int) -> float:
     return total / TICKS
 
 
-def walk(name: str, browser: Any, screenshots: Path | None) -> None:
+def walk(name: str, browser: Any, screenshots: Path | None, *, whole: bool) -> None:
     """Open one sample, wait for the verdict, add what it names or an own effect, and print the seconds."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "tactilevision", "workbench", SAMPLES / name, "--no-browser", "--out"]
@@ -50,13 +50,13 @@ def walk(name: str, browser: Any, screenshots: Path | None) -> None:
             found = re.search(r"http://\S+", server.stdout.readline())
             assert found is not None
             try:
-                told = seconds(found[0], browser, server.pid, name, screenshots)
+                told = seconds(found[0], browser, server.pid, name, screenshots, whole)
             finally:
                 os.killpg(server.pid, 9)
     print(f"{name:16} {told}", flush=True)
 
 
-def seconds(address: str, browser: Any, group: int, name: str, screenshots: Path | None) -> str:
+def seconds(address: str, browser: Any, group: int, name: str, screenshots: Path | None, whole: bool) -> str:
     """The walk on the page, in words."""
     page = browser.new_page(viewport={"width": 1440, "height": 900})
     page.set_default_timeout(PATIENCE_MS)
@@ -66,6 +66,9 @@ def seconds(address: str, browser: Any, group: int, name: str, screenshots: Path
     page.goto(address)
     page.wait_for_selector("#presses .press")
     painted = processor_s(group)
+    if not whole:
+        page.close()
+        return f"{painted:6.1f}"
     page.wait_for_function(
         "() => /ADEQUATE|IDENTIFIED|AMBIGUOUS|UNKNOWN/.test(document.querySelector('#verdict').innerText)"
     )
@@ -96,23 +99,37 @@ def keep(page: Any, screenshots: Path | None, name: str) -> None:
     page.set_viewport_size({"width": 1440, "height": 900})
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] = ()) -> None:
     """Walk through the samples."""
-    from playwright.sync_api import sync_playwright
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("walks", nargs="*", default=WALKS)
     parser.add_argument("--screenshots", type=Path)
     options = parser.parse_args(arguments)
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if options.screenshots is not None:
         options.screenshots.mkdir(parents=True, exist_ok=True)
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    walks(options.walks, chromium, options.screenshots)
+
+
+def walks(names: Sequence[str], chromium: str | None, screenshots: Path | None, *, whole: bool = True) -> None:
+    """Print the seconds of each walk, or where it is not `whole` of the first paint alone."""
+    from playwright.sync_api import sync_playwright
+
     print("processor time (s): presses on the page, verdict, error fallen (mN or um)")
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        for name in options.walks:
-            walk(name, browser, options.screenshots)
+        for name in names:
+            walk(name, browser, screenshots, whole=whole)
+
+
+def quick() -> None:
+    """Open one sample, to the first presses on the page."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        print("there is no Chromium here")
+        return
+    walks(("hidden_two",), chromium, None, whole=False)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
