@@ -92,7 +92,8 @@ def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
     square = x + y
     whole = friction * float(pressure.sum())
     by_friction = np.array([-force / friction / limit, 1.0]) / whole
-    spread = np.sqrt(np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction]))
+    variances = np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction])
+    spread = np.sqrt(np.maximum(variances, 0.0))  # where all cells slip the share is 1, but for rounding
     share = force / whole
     margin_N, (of_friction, of_share) = scale * grid.cell_mm2 * (whole - force), spread.tolist()
     return Slip(friction, of_friction, share, of_share, margin_N, lagging, imminent=share > IMMINENT)
