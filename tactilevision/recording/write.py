@@ -23,7 +23,7 @@ from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read_tables import point_columns
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bytes, Curve, Floats, ForceSeries
-from tactilevision.records.rig import Press, Sensor
+from tactilevision.records.rig import Gel, Press, Sensor
 from tactilevision.sensors.rectification import save_rectification
 
 # Tables. Each function takes the folder. Numbers have 12 digits, large ones (times in s since 1970) all, NaN is an
@@ -224,9 +224,16 @@ def sensor_table(sensor: Sensor, *, white_level: float | None = None) -> dict[st
         "rectification": None if sensor.rectification is None else MAPS,
         "has_markers": sensor.has_markers or None,
         "white_level": white_level,
-        "gel": None if sensor.gel is None else asdict(sensor.gel),
+        "gel": None if sensor.gel is None else _gel_table(sensor.gel),
     }
     return _known(content)
+
+
+def _gel_table(gel: Gel) -> dict[str, Any]:
+    """Return what a gel states: keys of other shapes stand at their defaults, and are omitted."""
+    always = ("thickness_mm", "thickness_std_mm", "shape")
+    usual = {one.name: one.default for one in fields(gel)}
+    return {key: value for key, value in asdict(gel).items() if key in always or value != usual[key]}
 
 
 def _known(content: Mapping[str, Any]) -> dict[str, Any]:

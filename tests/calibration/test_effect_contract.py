@@ -17,6 +17,9 @@ PACKAGE = Path(calibration.__file__).parent
 OTHERS = sorted(path for path in PACKAGE.rglob("*.py") if "effects" not in path.relative_to(PACKAGE).parts)
 HOMONYMS = {  # words that are keys of effects by accident
     ("model/stages.py", "thickness"): "a condition of the rig",
+    ("tasks/passport.py", "friction"): "a key of passport.json",
+    ("tasks/passport.py", "temperature"): "a key of passport.json",
+    ("tasks/passport.py", "thickness"): "a key of passport.json",
     ("tasks/validate.py", "friction"): "a column of the finite elements' friction",
 }
 OF_GEL = set(Stage) - {Stage.DEPTH, Stage.INSTRUMENT}  # those are definitions: no form can be off

@@ -119,7 +119,7 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
 SAID = {
     "is determined by the sensor profile": ("depth", "{frames}", "--sensor", "{tvs}", "--mm-per-px", 0.05),
     "was made for frames of 240 x 180 px": ("depth", "{small}", "--sensor", "{tvs}"),
-    "E and nu of the gel are not known": ("force", "{frames}", "--sensor", "{toml}"),
+    "E and nu of the gel are not known": ("force", "{frames}", "--sensor", "{unknown}"),
     "there is no such sensor profile": ("view", "{frames}", "--sensor", "{frames}/none.tvs"),
     "the name of a sensor profile ends in .tvs": ("calibrate-sensor", "{frames}", "--out", "a"),
     "a profile cannot be made from a profile": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
@@ -152,8 +152,10 @@ def test_what_is_wrong_is_said_with_the_option_that_would_help(
         write_image(tmp_path / "untouched" / f"{name}.png", free())
     (tmp_path / "empty").mkdir()
     (tmp_path / "sensor.toml").write_text(TOML)
+    without = "".join(line for line in TOML.splitlines(True) if not line.startswith("youngs_modulus"))
+    (tmp_path / "unknown.toml").write_text(without)
     places = {name: tmp_path / name for name in ("frames", "small", "empty", "untold", "untouched")}
-    places |= {"tvs": saved(tmp_path), "toml": tmp_path / "sensor.toml"}
+    places |= {"tvs": saved(tmp_path), "toml": tmp_path / "sensor.toml", "unknown": tmp_path / "unknown.toml"}
     before = {path.name for path in tmp_path.iterdir()}
     assert run(*(str(word).format(**places) for word in SAID[said])) == 2
     told = " ".join(capsys.readouterr().err.split())
