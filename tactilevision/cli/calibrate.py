@@ -59,7 +59,8 @@ def passport(given: options.Passport) -> None:
             choice=FigureChoice(given.form),
             listener=console,
         )
-    console.say(f"{found.sensor}: {len(found.entries)} recordings", *passport_lines(found))
+    recordings = "1 recording" if len(found.entries) == 1 else f"{len(found.entries)} recordings"
+    console.say(f"{found.sensor}: {recordings}", *passport_lines(found))
     console.warn(found.warnings)
     console.say(f"wrote {out / 'passport.html'} and passport.json" + (f"; {ledger}" if ledger is not None else ""))
     console.hand_over(found.as_json(), given.json)
