@@ -76,9 +76,12 @@ def seconds(address: str, browser: Any, group: int, name: str, screenshots: Path
     verdict, named = page.inner_text("#verdict").split("\n")[0], processor_s(group)
     keep(page, screenshots, f"{name}_verdict")
     before = page.locator("#falls .bartext").all_text_contents()
-    cure = page.locator("[data-cure=all], [data-cure]").first
-    if cure.count():
-        cure.click()
+    if page.locator("[data-own='']").count():  # UNKNOWN: the editor begins with the shape that was found
+        page.locator("[data-own='']").first.click()
+        page.click("#own-run")
+    elif page.locator("[data-cure]").count():
+        page.locator("[data-cure=all], [data-cure]").first.click()
+    if verdict.split(".")[0] != "ADEQUATE":
         page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length > {len(before)}")
     fell = processor_s(group)
     after = page.locator("#falls .bartext").all_text_contents()
