@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from benchmarks.force_cases import KINDS, Forward, View, draw_case, noise, seen
+from benchmarks.force_sides import elastic
 from tactilevision.force.compliance import compliance_for
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance, compliance_of
@@ -94,14 +95,8 @@ def solved(gel: Gel, one: Contact, x: Floats, y: Floats) -> tuple[Floats, float]
 
     mesh = ng.Mesh(_geometry(gel, one).GenerateMesh(maxh=1.8))
     mesh.Curve(3)
-    space = ng.VectorH1(mesh, order=3, dirichlet="base")
-    u, v = space.TnT()
-    e, nu = MATERIAL.youngs_modulus_MPa, MATERIAL.poisson_ratio
-    mu, lame = e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu))
-    strain, virtual = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
-    form = ng.BilinearForm(space, symmetric=True)
-    form += ng.InnerProduct(2 * mu * strain, virtual) * ng.dx + lame * ng.div(u) * ng.div(v) * ng.dx
-    form.Assemble()
+    space, form = elastic(mesh, MATERIAL)
+    v = space.TestFunction()
 
     pressure = shape_at(one, (ng.x, ng.y, ng.z), ng.sqrt, lambda a, b: ng.IfPos(a, a if np.isscalar(b) else b, 0))
     whole = ng.Integrate(pressure * ng.ds("top", bonus_intorder=8), mesh)

@@ -51,18 +51,27 @@ def _disc(centre_mm: float) -> Any:
     return mesh
 
 
-def _pushed(mesh: Any, centre_mm: float) -> Any:
-    """The displacement that FORCE_N on the patch makes, a function on the mesh."""
+def elastic(mesh: Any, material: Material) -> tuple[Any, Any]:
+    """The space of third order in NGSolve, fixed at the set "base", and the assembled form of an elastic solid."""
     import ngsolve as ng
 
     space = ng.VectorH1(mesh, order=3, dirichlet="base")
     u, v = space.TnT()
-    e, nu = MATERIAL.youngs_modulus_MPa, MATERIAL.poisson_ratio
+    e, nu = material.youngs_modulus_MPa, material.poisson_ratio
     mu, lame = e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu))
     strain, virtual = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
     form = ng.BilinearForm(space, symmetric=True)
     form += ng.InnerProduct(2 * mu * strain, virtual) * ng.dx + lame * ng.div(u) * ng.div(v) * ng.dx
     form.Assemble()
+    return space, form
+
+
+def _pushed(mesh: Any, centre_mm: float) -> Any:
+    """The displacement that FORCE_N on the patch makes, a function on the mesh."""
+    import ngsolve as ng
+
+    space, form = elastic(mesh, MATERIAL)
+    v = space.TestFunction()
     square = ((ng.x - centre_mm) ** 2 + ng.y**2) / PATCH_MM**2
     pressure = ng.IfPos(1 - square, 1 - square, 0) * 2 / (np.pi * PATCH_MM**2)
     load = ng.LinearForm(space)
