@@ -31,7 +31,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, as_comparison
 from calibration.tasks.passport import Passport, check_sources, entry_of, passport_of, source_of, stored_entry
-from calibration.tasks.session import History, Step, load_history, steps_of_comparison
+from calibration.tasks.session import HISTORY, History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.batch.tree import find_recordings
 from tactilevision.errors import InputError
@@ -54,7 +54,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
 
-CALIBRATION, HISTORY = "calibration.json", "history.json"
+CALIBRATION = "calibration.json"
 
 
 @contextmanager

@@ -23,8 +23,7 @@ from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench import analysis
-from calibration.workbench.analysis import Asking, Evidence, Fitted, Verdict
-from calibration.workbench.dropping import Dropping
+from calibration.workbench.analysis import Asking, Dropping, Evidence, Fitted, Verdict
 from calibration.workbench.opened import Opened, what_changed, with_own
 from tactilevision.errors import InputError
 from tactilevision.files.opening import real_path

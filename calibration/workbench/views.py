@@ -29,8 +29,9 @@ from calibration.tasks.calibrate import HistoryRow
 from calibration.tasks.compare import Compared, Comparison, rms_of_presses
 from calibration.workbench.analysis import OF_FORCE, Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.curve_views import why_off
 from calibration.workbench.opened import Opened
-from calibration.workbench.press_scatter import why_off
+from calibration.workbench.recorded import uncertified
 from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.misfit import ErrorFall, Strip
@@ -266,7 +267,8 @@ def _overlay(shown: Strip) -> dict[str, Any]:
 def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
     """Yield every press in the order of pressing, also excluded and rejected ones, with the reason."""
     if opened.observed is None:
-        yield from _uncertified(opened, "not certified" if shown.troubled else "being certified")
+        why = "not certified" if shown.troubled else "being certified"
+        yield from uncertified([one.recording for one in opened.measured], why)
         return
     data, names, rms = opened.data, press_names(opened.data), _rms(shown)
     odd = () if shown.verdict is None else shown.verdict.odd
@@ -289,17 +291,6 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
             why = point.details.findings or (point.reason or "rejected").replace("_", " ")
             of = {"name": point.press, "label": point.press, "recording": number, "indenter": point.indenter}
             yield {**of, "state": f"rejected: {why}", "odd": False, "rms": []}
-
-
-def _uncertified(opened: Opened, why: str) -> Iterator[dict[str, Any]]:
-    """Yield the presses as recorded; their names are those that they have once they are certified."""
-    several = len(opened.measured) > 1
-    for number, measured in enumerate(opened.measured):
-        recording = measured.recording
-        for press in recording.presses:
-            name = f"{recording.name}/{press.press}" if several else press.press
-            of = {"name": name, "label": press.press, "recording": number, "indenter": press.indenter}
-            yield {**of, "state": why, "odd": False, "rms": []}
 
 
 def _rms(shown: Shown) -> dict[str, list[float]]:

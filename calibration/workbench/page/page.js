@@ -53,7 +53,18 @@ let lost = false;
 function showLost() {
   lost = true;
   $("busy").className = ""; $("busy").textContent = "";
-  $("notice").replaceChildren(LOST, ...(state ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["Open the address that the terminal printed."]));
+  $("notice").replaceChildren(LOST, ...(state && state.again ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["The terminal says why, or prints the address to open."]));
+}
+
+/** The state before the server has imported its models: presses and frames as recorded. */
+const EARLY = { busy: "starting", busy_s: 0, certified: false, warnings: [], falls: [], cards: [], components: [], stiffness: [], modulus: [], labels: [], weeks: [], sides: null, model: "",
+  verdict: { with: [], named: [], nearest: [], remarks: [], warnings: [], next: [], tried: [], meanings: {} } };
+let charts = null;
+
+/** Load plotly, which takes longer than all else on the page, once presses and frames can be seen. */
+function loadCharts() {
+  charts ||= new Promise((done, failed) => { document.head.append(h("script", { src: "plotly.js", onload: done, onerror: () => { charts = null; failed(new TypeError("no answer")); } })); });
+  return charts;
 }
 
 async function follow() {
@@ -61,11 +72,13 @@ async function follow() {
     try {
       const news = await ask(`state?since=${state && !lost ? state.version : 0}`);
       if (lost) { lost = false; model = null; say(""); }
-      state = news;
-      seenSince = performance.now() - 1000 * news.busy_s;
+      if (news.certified) await loadCharts();
+      state = { ...EARLY, ...news };
+      seenSince = performance.now() - 1000 * state.busy_s;
       show();
-      if (news.model !== model) {
-        const wanted = news.model;
+      await loadCharts();
+      if (state.model !== model && state.model) {
+        const wanted = state.model;
         curves = await ask("curves");
         model = wanted; tried = null;
         showCurves();
