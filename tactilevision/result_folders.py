@@ -300,7 +300,7 @@ def write_comparison(
 
     `verdict`: that of a diagnosis and its caveats, for the page.
     """
-    with _stage(out, choice, history, found.models[-1].material) as folder:
+    with _stage(out, choice, history, found.material) as folder:
         _fill_comparison(found, folder, listener, try_next=try_next, verdict=verdict)
 
 
@@ -353,7 +353,7 @@ def _refit(
     if history.applied and not history.steps and (folder / BEFORE).is_file():
         copy_own(folder / BEFORE, figures.path / CALIBRATION)
     elif history.applied:
-        _write_material(found.models[-1].material, figures.path)
+        _write_material(found.material, figures.path)
 
 
 def _effects(taken: Sequence[Step], private: Sequence[Path] | None) -> list[Effect]:

@@ -16,7 +16,7 @@ from calibration.inputs.deadline import Progress
 from calibration.noise.reml import BEYOND_CHANCE
 from calibration.report import figures, page, wording
 from calibration.report.figures import FigureFolder
-from calibration.report.headline import fall_lead, fall_note, modulus_table
+from calibration.report.headline import DIAGNOSED, fall_lead, fall_note, modulus_table
 from calibration.report.misfit import AS_READ, BASE, error_falls, force_curves, model_names, residual_strips
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
@@ -227,6 +227,7 @@ def comparison_page(
     fits = {name: model.fitted for name, model in models.items()}
     materials = {name: one.material for name, one in models.items() if one.material is not None}
     moduli = {name: one.youngs_modulus for name, one in materials.items()}
+    moduli |= {} if found.over is None else {DIAGNOSED: found.over}
     falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
     strips = residual_strips(fits, [one.covariates for one in found.models])
     folded = all_presses(curves, folder, progress)
@@ -235,7 +236,7 @@ def comparison_page(
         f"Comparison of {', '.join(found.stated.recordings)}",
         page.block("verdict", *map(page.paragraph, verdict)) if verdict else "",
         _comparison_head(found, falls, state),
-        modulus_table(materials),
+        modulus_table(materials, found.over),
         page.section("How the error falls", *figures.keep_falls(falls, folder)),
         page.section("Measured and modelled force", *forces, folded),
         page.section("Residual, and on what it depends", *figures.keep_strips(strips, folder)),

@@ -195,7 +195,8 @@ class Comparison(Displayed):
     `stated` are the measurements as recorded, without what else is known of nu. `left_out` are the effects that
     could not be added, and why; `pictured` the models of the picture's depth
     compared with the certified one, where there are both; `suggested` the keys of effects that would
-    lower the last model's error by more than they cost.
+    lower the last model's error by more than they cost; `over` E of the last model over what a diagnosis does not
+    exclude.
     """
 
     models: tuple[Compared, ...]
@@ -203,6 +204,13 @@ class Comparison(Displayed):
     left_out: tuple[tuple[str, str], ...] = ()
     pictured: tuple[Compared, ...] = ()
     suggested: tuple[str, ...] = ()
+    over: Estimate | None = None
+
+    @property
+    def material(self) -> CalibrationResult | None:
+        """The last model's material, with E as a diagnosis states it where there was one."""
+        found = self.models[-1].material
+        return found if found is None or self.over is None else replace(found, youngs_modulus=self.over)
 
     def summary(self) -> Summary:
         """Return the error of each model on held-out presses (fitted ones where none could be), and E."""

@@ -86,7 +86,7 @@ class Server(LocalPage):
         self._bench.act(action, value, version=version)
         return {}
 
-    def _as_recorded(self, asked: Asked) -> dict[str, Any]:
+    def _as_recorded(self, asked: Asked) -> Answer | dict[str, Any]:
         """Return the presses as recorded; a page that has them waits for the bench."""
         if int(asked.get("since", "0")) == AS_RECORDED:
             with self._turn:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -182,25 +181,21 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
 
 
 def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
-    """Return E and nu of each model in words, with what its diagnosis allows for."""
-    names, rows = model_names([model.effects for model in found.models]), []
-    verdict = shown.verdict or Verdict()
-    for name, model in zip(names, found.models, strict=True):
-        material, last = model.material, model is found.models[-1]
-        if material is not None:
-            material = replace(material, youngs_modulus=shown.stated.get(model.effects, material.youngs_modulus))
-        row = None if material is None else modulus_rows({name: material})[0]
-        lacks = [in_words(key) for key in verdict.named] if last and verdict.word != "AMBIGUOUS" else []
-        rows.append(
-            {
-                "name": name,
-                "modulus": [] if row is None else row.modulus,
-                "ratio": [] if row is None else row.ratio,
-                "open": [] if material is None else undetermined([material]),
-                "lacks": f"lacks {' and '.join(lacks)}" if lacks else "",
-            }
-        )
-    return rows
+    """Return E and nu of each model in words, and E of the last one after the diagnosis."""
+    names, verdict = model_names([model.effects for model in found.models]), shown.verdict or Verdict()
+    known = {name: one.material for name, one in zip(names, found.models, strict=True) if one.material is not None}
+    rows = {row.name: row for row in modulus_rows(known, shown.stated if names[-1] in known else None)}
+    lacks = [in_words(key) for key in verdict.named] if verdict.word != "AMBIGUOUS" else []
+    return [
+        {
+            "name": name,
+            "modulus": rows[name].modulus if name in rows else [],
+            "ratio": rows[name].ratio if name in rows else [],
+            "open": undetermined([known[name]]) if name in known else [],
+            "lacks": f"lacks {' and '.join(lacks)}" if lacks and name == names[-1] else "",
+        }
+        for name in dict.fromkeys((*names, *rows))
+    ]
 
 
 def _stiffness(found: Comparison) -> list[dict[str, str]]:

@@ -348,7 +348,7 @@ def test_what_was_stated_of_a_model_stays_and_an_export_keeps_every_caveat(made:
         warnings=("shaded",),
     )
     shown = do(made, "add", "depth_zero")
-    assert shown.stated == {(): modulus, ("depth_zero",): known.verdict.next_modulus}
+    assert shown.stated == known.verdict.next_modulus
     shown = do(made, "leave_out", "p1")
     opened = replace(made.opened, warnings=("of the light",))
     assert shown.said(opened)[1] == ["of the light", "Excluded by hand: p1."]

@@ -197,7 +197,7 @@ function showSearch([asking, tried, left]) {
 
 /** E and nu of each model, with the interval from the data and with what may be unseen. */
 function showModulus([rows, unseen]) {
-  const cell = (three) => h("td", {}, three.length ? [h("b", {}, three[0]), h("small", {}, `data: ${three[1]}`), h("small", {}, `with unseen: ${three[2]}`)] : h("span", { class: "soft" }, "being determined"));
+  const cell = (three) => h("td", {}, three.length ? [three[0] ? h("b", {}, three[0]) : "", three[1] ? h("small", {}, `data: ${three[1]}`) : "", three[2] ? h("small", {}, three[1] ? `with unseen: ${three[2]}` : three[2]) : ""] : h("span", { class: "soft" }, "being determined"));
   fill("modulus", rows.length ? [h("h2", {}, "Young's modulus and Poisson's ratio"), h("table", {},
     h("thead", {}, h("tr", {}, ["model", "E (MPa)", "ν"].map((word) => h("th", { scope: "col" }, word)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name, row.lacks ? h("small", {}, row.lacks) : ""), cell(row.modulus), cell(row.ratio))))),
