@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from calibration.workbench.bench import Bench
 
 PATIENCE_S = 10  # s that a request for news waits
+BROWSER_S = 1.0  # s that the work waits for a browser to open the page
 QUALITY = 85  # of a JPEG for display
 AS_RECORDED = -1  # version of the state before there is a bench, which counts from 1
 PLOTLY = "plotly.js"
@@ -52,7 +53,7 @@ class Server(LocalPage):
         self._recordings, self._frames = recordings, frames
         self._bench: Bench | None = None
         self._answers: Answers = {"state": self._as_recorded, **_pictures(lambda: self._frames)}
-        self._turn = threading.Condition()
+        self._turn, self._seen = threading.Condition(), threading.Event()
         script = Answer("text/javascript; charset=utf-8", plotly(), KEPT)
         files = page_files(Path(__file__).parent / "page") | {PLOTLY: script}
         headers = {"Content-Security-Policy": PLOTLYS_POLICY}
@@ -62,6 +63,10 @@ class Server(LocalPage):
         if self._bench is not None:
             self._bench.end()
         super().__exit__(*fault)
+
+    def wait_for_page(self) -> None:
+        """Wait until a browser has asked for the presses, which else wait for imports; at most BROWSER_S."""
+        self._seen.wait(BROWSER_S)
 
     def show(self, bench: Bench) -> None:
         """Show this bench from now on."""
@@ -93,6 +98,7 @@ class Server(LocalPage):
                 self._turn.wait_for(lambda: self._bench is not None, PATIENCE_S)
         if self._bench is not None:
             return self._answers["state"](asked)
+        self._seen.set()
         presses = list(uncertified(self._recordings, "being certified"))
         return {"version": AS_RECORDED, "title": title_of(self._recordings), "presses": presses}
 

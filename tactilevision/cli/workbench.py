@@ -36,6 +36,7 @@ def workbench(given: options.Workbench) -> None:
         console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
         if given.browser:
             typer.launch(server.address)
+        server.wait_for_page()
         from tactilevision.cli.analysis import bench_of  # the models
 
         bench = bench_of(history, recordings, frames, marks, own, out)

@@ -218,7 +218,7 @@ function showFalls(falls) {
         const start = k < before.length ? before[k] : before[before.length - 1], text = h("span", { class: "bartext", style: `left: ${at(Math.min(start, top))}` }, fall.error[k].toFixed(1));
         const bar = h("span", { class: "fill", style: `width: ${at(Math.min(start, top))}; background: ${shade(fall.colours[k])}` });
         moved.push(() => { bar.style.width = text.style.left = at(fall.error[k]); });
-        return h("div", { class: "row" }, h("span", {}, name), h("span", { class: "track" }, bar,
+        return h("div", { class: "row" }, h("span", {}, name.replace("+ ", "+\u00a0")), h("span", { class: "track" }, bar,
           fall.band ? [h("span", { class: "band", style: `left: ${at(fall.band[0])}; width: ${at(fall.band[1] - fall.band[0])}` }), h("span", { class: "mark", style: `left: ${at(fall.repeatability)}` })] : "", text));
       })),
       h("p", { class: "soft" }, `${fall.note}${fall.band ? " Shaded on each bar: that scatter with its 95 % interval." : ""}`));
@@ -343,6 +343,8 @@ function showPresses([presses]) {
         "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
   $("presses").scrollTop = top;
+  const mine = $("presses").querySelector("[aria-current=true]"), list = $("presses").getBoundingClientRect(), at = mine && mine.getBoundingClientRect();
+  if (mine && (at.top < list.top || at.bottom > list.bottom)) $("presses").scrollTop = mine.offsetTop - $("presses").offsetTop;
 }
 
 function showStates([labels]) {
@@ -415,7 +417,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")).replace("not examined", state.looked ? "not examined" : "being examined") + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line or rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
@@ -431,7 +433,7 @@ function showCurves() {
   if (curves.depth) {
     const first = curves.depth.sets[0], at = $("depth-against").value || "0", square = curves.depth.faces ? " (squares: punch faces; dots: slopes next to them)" : "";
     fill("depth-against", first.against.map((one, k) => h("option", { value: k, selected: String(k) === at }, one.words)));
-    fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: right${square} `, h("span", {}, ""));
+    fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: as certified${square} `, h("span", {}, ""));
   }
   options("covariate", ""); options("colour", h("option", { value: "" }, "model"));
   if (!picked || !state.presses.some((one) => one.name === chosen)) {
@@ -446,6 +448,7 @@ function redraw() {
   for (const name of ["falls", "cards", "weeks"]) drawn[name] = "";
   if (state) show();
   if (curves) showCurves();
+  if ($("force-chart")) tell();
 }
 
 $("stop").addEventListener("click", () => act("stop"));
