@@ -21,7 +21,7 @@ from calibration.model.stages import Effect, Parameter
 from calibration.report import drawing, figures, page, wording
 from calibration.report.drawing import ResidualMap
 from calibration.report.figures import FigureFolder
-from calibration.report.headline import DIAGNOSED, fall_sentence, modulus_lines, modulus_table
+from calibration.report.headline import fall_sentence, modulus_lines, modulus_table
 from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
 from calibration.report.report import all_presses
 from calibration.report.wording import in_words
@@ -108,7 +108,6 @@ def diagnosis_page(
     cards = {key: _card(key, one, found, folder) for key, one in drawing.candidates(found, private).items()}
     gels = materials(found)
     over = found.material.after.youngs_modulus
-    moduli = {name: one.youngs_modulus for name, one in gels.items()} | {DIAGNOSED: over}
     return page.page(
         f"Diagnosis of {', '.join(found.fits.base.data.recordings)}",
         _head(found),
@@ -124,7 +123,7 @@ def diagnosis_page(
             "Examined so far" if found.stopped else "Tried, and does not explain it",
             *(card for key, card in cards.items() if key in tried),
         ),
-        page.section("E before and after", *figures.keep_moduli(moduli, folder), _stiffness(gels)),
+        page.section("E before and after", *figures.keep_moduli(gels, over, folder), _stiffness(gels)),
         page.section("What to measure next", _next(found)),
         page.section("Commands to try", *(page.command(text) for text in commands)),
         page.folded("Can these data distinguish the effects?", *figures.keep_confusable_effects(found, folder)),

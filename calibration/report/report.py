@@ -16,7 +16,7 @@ from calibration.inputs.deadline import Progress
 from calibration.noise.reml import BEYOND_CHANCE
 from calibration.report import figures, page, wording
 from calibration.report.figures import FigureFolder
-from calibration.report.headline import DIAGNOSED, fall_lead, fall_note, modulus_table
+from calibration.report.headline import fall_lead, fall_note, modulus_table
 from calibration.report.misfit import AS_READ, BASE, error_falls, force_curves, model_names, residual_strips
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
@@ -226,8 +226,6 @@ def comparison_page(
     models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
     fits = {name: model.fitted for name, model in models.items()}
     materials = {name: one.material for name, one in models.items() if one.material is not None}
-    moduli = {name: one.youngs_modulus for name, one in materials.items()}
-    moduli |= {} if found.over is None else {DIAGNOSED: found.over}
     falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
     strips = residual_strips(fits, [one.covariates for one in found.models])
     folded = all_presses(curves, folder, progress)
@@ -241,7 +239,11 @@ def comparison_page(
         page.section("Measured and modelled force", *forces, folded),
         page.section("Residual, and on what it depends", *figures.keep_strips(strips, folder)),
         page.section("Parameters", _parameters(found)),
-        page.section("Effect on the material", *figures.keep_moduli(moduli, folder), _stiffness_rows(materials)),
+        page.section(
+            "Effect on the material",
+            *figures.keep_moduli(materials, found.over, folder),
+            _stiffness_rows(materials),
+        ),
         page.section(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),
