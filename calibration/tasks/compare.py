@@ -305,7 +305,7 @@ def with_effect(
     last = found.models[-1]
     why = "the time was over" if deadline.passed else ""
     try:
-        unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
+        unseen = why or _unseen(found.models[0].fitted, effect)
         if not unseen:
             one = _judge(fit_added(last.fitted.model + effect, last.fitted))
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
@@ -316,6 +316,14 @@ def with_effect(
         return replace(found, pictured=pictured, suggested=())
     except Exception as fault:  # a private effect may raise anything; the next one may still do
         return replace(found, left_out=(*found.left_out, (effect.key, str(fault) or type(fault).__name__)))
+
+
+def _unseen(base: Fit, effect: Effect) -> str:
+    """Return why the base model's data cannot show an effect; empty where they can."""
+    tables, missing = effect_directions(base, [effect])
+    size = max((float(np.max(np.abs(one), initial=0.0)) for one in tables.values()), default=np.inf)
+    still = size <= ROUNDING * float(np.max(np.abs(base.force_N)))
+    return missing.get(effect.key, "it does not change the force of these presses" if still else "")
 
 
 def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:

@@ -51,8 +51,9 @@ let lost = false;
 
 /** The server has ended: the command that goes on, at the same address, so that this page comes back. */
 function showLost() {
-  lost = true;
-  $("busy").className = ""; $("busy").textContent = "";
+  lost = true; drawn.search = "";
+  $("search").hidden = true;
+  tick();
   $("notice").replaceChildren(LOST, ...(state && state.again ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["The terminal says why, or prints the address to open."]));
 }
 
@@ -120,10 +121,10 @@ function show() {
 }
 
 function tick() {
-  const seconds = state && state.busy ? (performance.now() - seenSince) / 1000 : 0;
-  $("busy").className = state && state.busy ? "on" : "";
-  $("stop").hidden = !(state && state.busy && state.stoppable && seconds > 1);
-  $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
+  const busy = state && state.busy && !lost, seconds = busy ? (performance.now() - seenSince) / 1000 : 0;
+  $("busy").className = busy ? "on" : "";
+  $("stop").hidden = !(busy && state.stoppable && seconds > 1);
+  $("busy").textContent = busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
 /** What was exported, which opens in a tab of its own where the browser lets it. */
