@@ -116,9 +116,13 @@ def _step_errors(step: Step) -> str:
 
 
 def bench_of(
-    history: History, recordings: Sequence[Recording], frames: Sequence[Frames | None], marks: Marks,
-    own: tuple[Sequence[Effect], Mapping[str, str]], out: Path,
-) -> Bench:  # fmt: skip
+    history: History,
+    recordings: Sequence[Recording],
+    frames: Sequence[Frames | None],
+    marks: Marks,
+    own: tuple[Sequence[Effect], Mapping[str, str]],
+    out: Path,
+) -> Bench:
     """Return the workbench of recordings that are not certified yet; `own` effects and their files by key."""
     opened = Opened(
         paths=tuple(Path(name) for name in history.recordings),

@@ -173,10 +173,15 @@ def _outside(axes: Axes, x: Floats, shown: ResidualStrips, *, model: int, colour
     for (side, _), (at, presses) in named.items():
         right = at - float(x.min()) > width / 2
         axes.annotate(
-            ", ".join(map(style.as_label, presses)), (at, side * _end(shown)), textcoords="offset points",
-            xytext=(-LOOK.mark if right else LOOK.mark, -side * LOOK.mark), ha="right" if right else "left",
-            va="top" if side > 0 else "bottom", color=colour, fontsize=LOOK.small,
-        )  # fmt: skip
+            ", ".join(map(style.as_label, presses)),
+            (at, side * _end(shown)),
+            textcoords="offset points",
+            xytext=(-LOOK.mark if right else LOOK.mark, -side * LOOK.mark),
+            ha="right" if right else "left",
+            va="top" if side > 0 else "bottom",
+            color=colour,
+            fontsize=LOOK.small,
+        )
 
 
 def _end(shown: ResidualStrips) -> float:
