@@ -210,7 +210,9 @@ class Comparison(Displayed):
     def material(self) -> CalibrationResult | None:
         """The last model's material, with E as a diagnosis states it where there was one."""
         found = self.models[-1].material
-        return found if found is None or self.over is None else replace(found, youngs_modulus=self.over)
+        if found is None or self.over is None:
+            return found
+        return replace(found, youngs_modulus=self.over, undiagnosed_MPa=found.youngs_modulus.interval95)
 
     def summary(self) -> Summary:
         """Return the error of each model on held-out presses (fitted ones where none could be), and E."""

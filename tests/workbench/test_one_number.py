@@ -42,6 +42,7 @@ def test_page_compare_and_diagnose_state_the_same_numbers(tmp_path: Path) -> Non
     assert set(modulus_lines(materials(found), over)) == {
         line.replace(f"{names[0]} +", "+") for line in summary(found) if line.startswith("E ")
     }
+    assert found.material.after.from_data("youngs_modulus") == gels[names[-1]].from_data("youngs_modulus")
     last = compared.models[-1].as_json()["youngs_modulus_MPa"]
     assert found.as_json()["unseen"]["interval95_of_E_without"] == last["interval95"]
     assert [fall_sentence(one) for one in error_falls(compared)] == [
