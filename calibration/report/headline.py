@@ -111,9 +111,9 @@ def modulus_lines(models: Mapping[str, CalibrationResult], over: Estimate | None
         if result is None:
             lines.append(f"E {row.name}: 95 % with unseen effects and causes not excluded: {whole} MPa")
         elif result.youngs_modulus.value is None:
-            lines.append(f"E by the {row.name}: {wording.estimate(result.youngs_modulus)}")
+            lines.append(f"E of the {row.name}: {wording.estimate(result.youngs_modulus)}")
         else:
-            lines.append(f"E by the {row.name}: {value} MPa (95 % from the data: {alone}; with unseen: {whole})")
+            lines.append(f"E of the {row.name}: {value} MPa (95 % from the data: {alone}; with unseen: {whole})")
     return lines
 
 
