@@ -20,7 +20,8 @@ from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.curve_views import curve_view
-from calibration.workbench.opened import Frames, Opened
+from calibration.workbench.opened import Opened
+from calibration.workbench.recorded import Frames
 from calibration.workbench.server import Server
 from calibration.workbench.views import state_view
 from tactilevision.files.writing import as_json
@@ -62,15 +63,12 @@ def main() -> None:
 def first_paint(path: Path) -> None:
     """Make what the page shows first: its files, the presses, and a frame; nothing is certified yet."""
     recording = read_recording(path)
-    measured = Measured(recording, recording.points, recording.curves)
-    frames = (Frames(recording),) if recording.frame_names else ()
-    opened = Opened((path,), (measured,), frames=frames)
-    bench = Bench(opened, History((str(path),)), export=no_export, keep=lambda _: None, out=path, asks=False)
-    with Server(bench):
-        as_json(state_view(bench))
-        for one in frames:
-            one.view(recording.presses[0].press)
-            one.picture(0)
+    frames = Frames(recording) if recording.frame_names else None
+    with Server((recording,), (frames,)) as server:
+        as_json(server.get("state", {}))
+        if frames is not None:
+            frames.view(recording.presses[0].press)
+            frames.picture(0)
 
 
 def scrubbed() -> None:

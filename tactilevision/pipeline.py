@@ -33,10 +33,10 @@ from tactilevision.force.calibrated import read_material
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Certificate
-from tactilevision.press.certification import certify, require_all
+from tactilevision.press.certification import certify
 from tactilevision.press.poisson_from_rise import with_nu
-from tactilevision.recording.model import Recording, require
-from tactilevision.recording.read import read_recording
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import Source, oldest_first, read_recordings
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_SILICONE
 from tactilevision.records.measured import Estimate
@@ -44,7 +44,6 @@ from tactilevision.records.measured import Estimate
 if TYPE_CHECKING:
     from calibration.report.drawing import ResidualMap
 
-Source = str | Path | Recording
 Given: TypeAlias = "Source | CertifiedRecording"
 DEFAULT_LAW = "default"  # the only law that uses Poisson's ratio from the rise
 
@@ -372,27 +371,11 @@ def certify_recordings(
     heard = listener or Collected()
     how: dict[str, Any] = {"poisson_ratio": poisson_ratio, "scale_doubt": scale_doubt}
     if cluster is not None:
-        return [*done, *_certify_on_cluster(_oldest_first(rest), cluster, heard, how)]
+        return [*done, *_certify_on_cluster(oldest_first(rest), cluster, heard, how)]
     opened = read_recordings(rest)
     for recording in opened:
         heard.warn(recording.warnings)
     return [*done, *(_certify(one, heard, **how) for one in opened)]
-
-
-def read_recordings(given: Sequence[Source]) -> list[Recording]:
-    """Return the recordings, the oldest first. Raises RecordingError where one lacks what certification needs."""
-    opened = _oldest_first(given)
-    for recording in opened:
-        if recording.frame_names:
-            require_all(recording)
-        elif not (recording.curves or recording.points):
-            require(recording, "frames", step="certifying depths")
-    return opened
-
-
-def _oldest_first(given: Sequence[Source]) -> list[Recording]:
-    read = [one if isinstance(one, Recording) else read_recording(one) for one in given]
-    return sorted(read, key=lambda one: str(one.date or ""))
 
 
 def _certify(

@@ -31,7 +31,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, as_comparison
 from calibration.tasks.passport import Passport, check_sources, entry_of, passport_of, source_of, stored_entry
-from calibration.tasks.session import History, Step, load_history, steps_of_comparison
+from calibration.tasks.session import HISTORY, History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.batch.tree import find_recordings
 from tactilevision.errors import InputError
@@ -54,7 +54,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
 
-CALIBRATION, HISTORY = "calibration.json", "history.json"
+CALIBRATION = "calibration.json"
 
 
 @contextmanager
@@ -300,7 +300,7 @@ def write_comparison(
 
     `verdict`: that of a diagnosis and its caveats, for the page.
     """
-    with _stage(out, choice, history, found.models[-1].material) as folder:
+    with _stage(out, choice, history, found.material) as folder:
         _fill_comparison(found, folder, listener, try_next=try_next, verdict=verdict)
 
 
@@ -353,7 +353,7 @@ def _refit(
     if history.applied and not history.steps and (folder / BEFORE).is_file():
         copy_own(folder / BEFORE, figures.path / CALIBRATION)
     elif history.applied:
-        _write_material(found.models[-1].material, figures.path)
+        _write_material(found.material, figures.path)
 
 
 def _effects(taken: Sequence[Step], private: Sequence[Path] | None) -> list[Effect]:

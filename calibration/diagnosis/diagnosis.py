@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +74,11 @@ class MaterialChange:
     after: CalibrationResult
     unseen: tuple[UndetectedEffect, ...] = ()
     alone_MPa: Pair | None = None
+
+    @property
+    def alone(self) -> CalibrationResult:
+        """The material by the last model, E's interval as it is without a diagnosis."""
+        return replace(self.after, youngs_modulus=replace(self.after.youngs_modulus, interval95=self.alone_MPa))
 
 
 @dataclass(frozen=True, slots=True)

@@ -275,9 +275,15 @@ def log_volume(fitted: Fit) -> float:
 
 
 def _settled(base: Fit, model: Model, values: Floats) -> Fit:
+    return _settled_from(base, model, values.tobytes())
+
+
+@lru_cache(maxsize=24)  # the best candidate is adopted again, from the same starts
+def _settled_from(base: Fit, model: Model, start: bytes) -> Fit:
     from calibration.fit.repeats import refit_with_pure_noise
 
-    fitted = refit_with_pure_noise(fit(model, base.data, noise=base.noise, starts=values[None], tolerances=False))
+    starts = np.frombuffer(start)[None]
+    fitted = refit_with_pure_noise(fit(model, base.data, noise=base.noise, starts=starts, tolerances=False))
     return replace(_by_own_slopes(fitted), warnings=base.warnings)
 
 

@@ -27,9 +27,9 @@ from calibration.model.composition import Composable
 from calibration.model.dual import chained, moves, value_of
 from calibration.model.stages import Parameter, Prior, State
 from tactilevision.errors import InputError
-from tactilevision.mechanics.filleted_punch import rounded_contact, rounded_slope
+from tactilevision.mechanics.filleted_punch import Punch, contacts_and_slopes
 from tactilevision.records.constants import NU_MAX, NU_NOMINAL, NU_SILICONE
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Gel
 
 SILICONE_NU: Pair = NU_SILICONE
@@ -127,14 +127,16 @@ def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) ->
     slopes = np.zeros((len(moved), *met.shape))
     for row, (order, _) in zip(slopes, moved, strict=True):
         row[0] = order == 1  # where the edge is sharp the contact's radius is the punch's
+    kinds = list[tuple[Bools, Punch]]()
     while left.any():  # few kinds of punch: quicker than sorting all samples
         k = int(np.argmax(left))
         mine = left & (radii == radii[k]) & (edges == edges[k]) & (layers == layers[k])
         left &= ~mine
-        punch = tuple(map(float, (radii[k], edges[k], layers[k], nu, sticks)))
-        met[:, mine] = rounded_contact(depth[mine], *punch)
-        for row, (order, _) in zip(slopes, moved, strict=True):
-            row[:, mine] = rounded_slope(depth[mine], *punch, along=order)
+        kinds.append((mine, (float(radii[k]), float(edges[k]), float(layers[k]), float(nu), float(sticks))))
+    depths, punches = [depth[mine] for mine, _ in kinds], [punch for _, punch in kinds]
+    found = contacts_and_slopes(depths, punches, along=[order for order, _ in moved])
+    for (mine, _), (there, change) in zip(kinds, found, strict=True):
+        met[:, mine], slopes[:, :, mine] = there, change
     radius, share = met
     if moved:
         radius, share = (

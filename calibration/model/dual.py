@@ -128,5 +128,7 @@ def chained(value: Any, parts: Iterable[tuple[Any, Any]]) -> Any:
     total: Any = 0.0
     for partial, one in parts:
         if isinstance(one, Dual):
-            total = total + np.asarray(partial) * one.slopes
+            unit = isinstance(partial, float) and partial == 1
+            term = one.slopes if unit else np.asarray(partial) * one.slopes
+            total = term if isinstance(total, float) else total + term
     return Dual(value, total)

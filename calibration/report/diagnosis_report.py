@@ -21,7 +21,7 @@ from calibration.model.stages import Effect, Parameter
 from calibration.report import drawing, figures, page, wording
 from calibration.report.drawing import ResidualMap
 from calibration.report.figures import FigureFolder
-from calibration.report.headline import fall_sentence, modulus_line, modulus_table
+from calibration.report.headline import fall_sentence, modulus_lines, modulus_table
 from calibration.report.misfit import BASE, error_falls, force_curves, residual_strips
 from calibration.report.report import all_presses
 from calibration.report.wording import in_words
@@ -68,7 +68,7 @@ def summary(found: Diagnosis) -> list[str]:
         lines.append(f"  since press {found.remainder.change_point}")
     lines += [f"  {fall_sentence(fall)}" for fall in _falls(found)]
     whole = {name if name.startswith(BASE) else f"{BASE} {name}": gel for name, gel in materials(found).items()}
-    lines += [f"E of the {modulus_line(name, gel)}" for name, gel in whole.items()]
+    lines += modulus_lines(whole, found.material.after.youngs_modulus)
     lines.append(allowed_for(found))
     untested = found.limits.not_testable
     if untested:
@@ -107,11 +107,11 @@ def diagnosis_page(
     tried, falls = found.search.tried, _falls(found)
     cards = {key: _card(key, one, found, folder) for key, one in drawing.candidates(found, private).items()}
     gels = materials(found)
-    moduli = {name: one.youngs_modulus for name, one in gels.items()}
+    over = found.material.after.youngs_modulus
     return page.page(
         f"Diagnosis of {', '.join(found.fits.base.data.recordings)}",
         _head(found),
-        modulus_table(gels),
+        modulus_table(gels, over),
         *_misfit(found, reliefs, folder, progress),
         page.section(
             _explains(found),
@@ -123,7 +123,7 @@ def diagnosis_page(
             "Examined so far" if found.stopped else "Tried, and does not explain it",
             *(card for key, card in cards.items() if key in tried),
         ),
-        page.section("E before and after", *figures.keep_moduli(moduli, folder), _stiffness(gels)),
+        page.section("E before and after", *figures.keep_moduli(gels, over, folder), _stiffness(gels)),
         page.section("What to measure next", _next(found)),
         page.section("Commands to try", *(page.command(text) for text in commands)),
         page.folded("Can these data distinguish the effects?", *figures.keep_confusable_effects(found, folder)),
@@ -144,8 +144,8 @@ def materials(found: Diagnosis) -> dict[str, CalibrationResult]:
     known = [in_words(key) for key in base.model.keys if key not in TOLERANCES]
     first = " + ".join((BASE, *known))
     if found.fits.fitted is base and not found.effects:
-        return {first: gel.after}
-    return {first: gel.before, after_words(found): gel.after}
+        return {first: gel.alone}
+    return {first: gel.before, after_words(found): gel.alone}
 
 
 def _of_force(found: Diagnosis) -> list[str]:
@@ -517,7 +517,7 @@ def allowed_for(found: Diagnosis) -> str:
         return ""
     most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
     named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]
-    return f"E's interval with unseen effects allows above all for {', '.join(named)}."
+    return f"E's interval after the diagnosis allows above all for {', '.join(named)}."
 
 
 def amount(first: Parameter, size: float) -> str:

@@ -19,6 +19,7 @@ from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
 from calibration.report import drawing, page
 from calibration.report.drawing import ResidualMap, overlay
+from calibration.report.headline import DIAGNOSED
 from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow
@@ -254,16 +255,20 @@ def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[str]:
     words = (
         "Measured less modelled force, the most significant first, all on one scale. "
         f"{coloured(shown.models, ends=True)} "
-        "Pale dots: single readings; bars: 95 % intervals of the bins' means. "
+        "Pale dots: single readings; triangles: presses beyond the panel, the farthest by name; bars: 95 % "
+        "intervals of the bins' means. "
         "p-values account for all panels; a trend is one of the presses' means that rise or fall."
     )
     return [folder.keep(misfit.draw_strips(shown), "residuals.png", caption=words)]
 
 
-def keep_moduli(moduli: Mapping[str, Estimate], folder: FigureFolder) -> list[str]:
-    """Draw Young's modulus under each model."""
-    words = f"Young's modulus with its 95 % interval. {coloured(list(moduli))}"
-    return [folder.keep(misfit.draw_moduli(list(moduli), list(moduli.values())), "modulus.png", caption=words)]
+def keep_moduli(gels: Mapping[str, CalibrationResult], over: Estimate | None, folder: FigureFolder) -> list[str]:
+    """Draw Young's modulus under each model, and that `over` what a diagnosis does not exclude."""
+    words = f"Young's modulus with its 95 % interval, with unseen. {coloured(list(gels))}"
+    moduli = {name: one.youngs_modulus for name, one in gels.items()}
+    moduli |= {} if over is None else {DIAGNOSED: over}
+    drawn = misfit.draw_moduli(list(moduli), list(moduli.values()), models=len(gels))
+    return [folder.keep(drawn, "modulus.png", caption=words)]
 
 
 def coloured(models: Sequence[str], *, ends: bool = False) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from calibration.report import page, wording
 from calibration.result.result import CalibrationResult
 from tactilevision.records.constants import KILO
-from tactilevision.records.measured import Pair
+from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.misfit import ErrorFall
 
 # The fall of the error, in words.
@@ -57,9 +57,10 @@ def fall_sentence(fall: ErrorFall) -> str:
 
 COLUMNS = ("", "model", "value", "95 % from data", "95 % with unseen")
 UNSEEN = (
-    "From data: the scatter of these presses alone. With unseen: also friction, an edge that is not stated, and, "
-    "after a diagnosis, effects too small to be significant."
+    "From data: the scatter of these presses alone. With unseen: also friction and an edge that is not stated; "
+    "after the diagnosis also effects too small to be significant, and causes that these data do not exclude."
 )
+DIAGNOSED = "after the diagnosis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,37 +72,56 @@ class ModulusRow:
     ratio: tuple[str, str, str]
 
 
-def modulus_rows(models: Mapping[str, CalibrationResult]) -> list[ModulusRow]:
-    """Return a row a model, by its name, to the digits that the interval from the data allows."""
-    return [
+def modulus_rows(models: Mapping[str, CalibrationResult], over: Estimate | None = None) -> list[ModulusRow]:
+    """Return a row a model, by its name, to the digits that the interval from the data allows.
+
+    `over`: E of the last model as a diagnosis states it, which has a row of its own where it is wider.
+    """
+    rows = [
         ModulusRow(name, _three(one, "youngs_modulus"), _three(one, "poisson_ratio"))
         for name, one in models.items()
     ]
+    last = list(models.values())[-1].youngs_modulus if models else None
+    if over is not None and last is not None and over.interval95 != last.interval95:
+        rows.append(ModulusRow(DIAGNOSED, ("", "", _span(over.interval95, _fine(last))), ("", "", "")))
+    return rows
 
 
 def _three(result: CalibrationResult, quantity: str) -> tuple[str, str, str]:
     one, alone = getattr(result, quantity), result.from_data(quantity)
-    fine = one.std or (abs(one.interval95[1] - one.interval95[0]) / 4 if one.interval95 else None)
-    value = "not determined" if one.value is None else wording.number(one.value, one.std)
+    fine, value = _fine(one), "not determined" if one.value is None else wording.number(one.value, one.std)
     return value, _span(alone, fine), _span(one.interval95, fine)
+
+
+def _fine(one: Estimate) -> float | None:
+    """Return the std by which digits are chosen."""
+    return one.std or (abs(one.interval95[1] - one.interval95[0]) / 4 if one.interval95 else None)
 
 
 def _span(ends: Pair | None, std: float | None) -> str:
     return "–" if ends is None else " to ".join(wording.number(end, std) for end in ends)
 
 
-def modulus_line(name: str, result: CalibrationResult) -> str:
-    """Return E of a model in one line, with both intervals or why it is not determined."""
-    value, alone, whole = _three(result, "youngs_modulus")
-    if result.youngs_modulus.value is None:
-        return f"{name}: {wording.estimate(result.youngs_modulus)}"
-    return f"{name}: {value} MPa (95 % from the data: {alone}; with unseen: {whole})"
+def modulus_lines(models: Mapping[str, CalibrationResult], over: Estimate | None = None) -> list[str]:
+    """Return E of each model in one line, with both intervals or why it is not determined."""
+    lines = []
+    for row in modulus_rows(models, over):
+        value, alone, whole = row.modulus
+        result = models.get(row.name)
+        if result is None:
+            lines.append(f"E {row.name}: 95 % with unseen effects and causes not excluded: {whole} MPa")
+        elif result.youngs_modulus.value is None:
+            lines.append(f"E of the {row.name}: {wording.estimate(result.youngs_modulus)}")
+        else:
+            lines.append(f"E of the {row.name}: {value} MPa (95 % from the data: {alone}; with unseen: {whole})")
+    return lines
 
 
-def modulus_table(models: Mapping[str, CalibrationResult]) -> str:
+def modulus_table(models: Mapping[str, CalibrationResult], over: Estimate | None = None) -> str:
     """Return the table of E and nu, each by model, with what its two intervals mean."""
-    found = modulus_rows(models)
-    rows = [("E (MPa)", row.name, *row.modulus) for row in found] + [("ν", row.name, *row.ratio) for row in found]
+    found = modulus_rows(models, over)
+    rows = [("E (MPa)", row.name, *row.modulus) for row in found]
+    rows += [("ν", row.name, *row.ratio) for row in found if any(row.ratio)]
     whys = "".join(map(page.paragraph, undetermined(models.values())))
     return page.table(COLUMNS, rows, numbers=(2,)) + whys + page.paragraph(UNSEEN, kind="soft")
 

@@ -16,7 +16,7 @@ from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, true_repeats
 from calibration.inputs.denoised_depth import BRANCHES, branches
-from calibration.inputs.observations import Observations
+from calibration.inputs.observations import Observations, press_names
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
@@ -88,7 +88,9 @@ def residual_strips(
         p_of, trend_of = (tuple(own.get(key, float("nan")) for own in table) for table in (p, trends))
         strips.append(strip_of(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
     reach = float(np.quantile(np.abs(residual), HELD))
-    return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach)
+    names = press_names(data)
+    press = tuple(names[k] for k in data.press)
+    return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach, press)
 
 
 def _distinct(scored: Sequence[Scored]) -> list[str]:

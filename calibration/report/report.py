@@ -226,7 +226,6 @@ def comparison_page(
     models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
     fits = {name: model.fitted for name, model in models.items()}
     materials = {name: one.material for name, one in models.items() if one.material is not None}
-    moduli = {name: one.youngs_modulus for name, one in materials.items()}
     falls, curves, data = error_falls(found), force_curves(fits), found.models[0].fitted.data
     strips = residual_strips(fits, [one.covariates for one in found.models])
     folded = all_presses(curves, folder, progress)
@@ -235,12 +234,16 @@ def comparison_page(
         f"Comparison of {', '.join(found.stated.recordings)}",
         page.block("verdict", *map(page.paragraph, verdict)) if verdict else "",
         _comparison_head(found, falls, state),
-        modulus_table(materials),
+        modulus_table(materials, found.over),
         page.section("How the error falls", *figures.keep_falls(falls, folder)),
         page.section("Measured and modelled force", *forces, folded),
         page.section("Residual, and on what it depends", *figures.keep_strips(strips, folder)),
         page.section("Parameters", _parameters(found)),
-        page.section("Effect on the material", *figures.keep_moduli(moduli, folder), _stiffness_rows(materials)),
+        page.section(
+            "Effect on the material",
+            *figures.keep_moduli(materials, found.over, folder),
+            _stiffness_rows(materials),
+        ),
         page.section(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),

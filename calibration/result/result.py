@@ -73,7 +73,8 @@ class CalibrationResult(Displayed, Identified):
 
     `covariance` (4, 4) is of COVARIANCE_OF; `presses_rejected` pairs (press, reason); `by_radius` (radius, c,
     beta) where there are several; `routes` nu by each route, used or not; `held_out_N` the rms error on
-    presses held out of the fit; `noise_floor_N` the repeatability; `model_test` whether the model is sufficient.
+    presses held out of the fit; `noise_floor_N` the repeatability; `model_test` whether the model is sufficient;
+    `undiagnosed_MPa` the interval of E that a diagnosis widened.
     """
 
     c: Estimate
@@ -88,6 +89,7 @@ class CalibrationResult(Displayed, Identified):
     routes: tuple[Route, ...] = ()
     held_out_N: float = float("nan")
     model_test: ModelTest | None = None
+    undiagnosed_MPa: Pair | None = None
 
     def summary(self) -> Summary:
         """Return the material, the presses and the errors."""
@@ -138,7 +140,7 @@ class CalibrationResult(Displayed, Identified):
     def from_data(self, quantity: str) -> Pair | None:
         """Return the 95 % interval of `youngs_modulus` or `poisson_ratio` from the scatter of the data alone.
 
-            value +- t std,    within the estimate's own interval
+            value +- t std,    within the estimate's own interval, before a diagnosis
 
         The estimate's interval allows in addition for what may be unseen: friction, an edge that is not stated,
         effects too small to be significant. None without a value.
@@ -147,7 +149,8 @@ class CalibrationResult(Displayed, Identified):
         if one.value is None or one.std is None or one.interval95 is None:
             return None
         reach = one.std * self.fitted.reach(np.eye(self.fitted.values.size)[0])
-        (low, high), value = one.interval95, one.value
+        widened = self.undiagnosed_MPa if quantity == "youngs_modulus" else None
+        (low, high), value = widened or one.interval95, one.value
         return min(max(value - reach, low), value), max(min(value + reach, high), value)
 
     @property

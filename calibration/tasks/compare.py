@@ -195,7 +195,8 @@ class Comparison(Displayed):
     `stated` are the measurements as recorded, without what else is known of nu. `left_out` are the effects that
     could not be added, and why; `pictured` the models of the picture's depth
     compared with the certified one, where there are both; `suggested` the keys of effects that would
-    lower the last model's error by more than they cost.
+    lower the last model's error by more than they cost; `over` E of the last model over what a diagnosis does not
+    exclude.
     """
 
     models: tuple[Compared, ...]
@@ -203,6 +204,15 @@ class Comparison(Displayed):
     left_out: tuple[tuple[str, str], ...] = ()
     pictured: tuple[Compared, ...] = ()
     suggested: tuple[str, ...] = ()
+    over: Estimate | None = None
+
+    @property
+    def material(self) -> CalibrationResult | None:
+        """The last model's material, with E as a diagnosis states it where there was one."""
+        found = self.models[-1].material
+        if found is None or self.over is None:
+            return found
+        return replace(found, youngs_modulus=self.over, undiagnosed_MPa=found.youngs_modulus.interval95)
 
     def summary(self) -> Summary:
         """Return the error of each model on held-out presses (fitted ones where none could be), and E."""
@@ -297,7 +307,7 @@ def with_effect(
     last = found.models[-1]
     why = "the time was over" if deadline.passed else ""
     try:
-        unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
+        unseen = why or _unseen(found.models[0].fitted, effect)
         if not unseen:
             one = _judge(fit_added(last.fitted.model + effect, last.fitted))
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
@@ -308,6 +318,14 @@ def with_effect(
         return replace(found, pictured=pictured, suggested=())
     except Exception as fault:  # a private effect may raise anything; the next one may still do
         return replace(found, left_out=(*found.left_out, (effect.key, str(fault) or type(fault).__name__)))
+
+
+def _unseen(base: Fit, effect: Effect) -> str:
+    """Return why the base model's data cannot show an effect; empty where they can."""
+    tables, missing = effect_directions(base, [effect])
+    size = max((float(np.max(np.abs(one), initial=0.0)) for one in tables.values()), default=np.inf)
+    still = size <= ROUNDING * float(np.max(np.abs(base.force_N)))
+    return missing.get(effect.key, "it does not change the force of these presses" if still else "")
 
 
 def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:

@@ -262,7 +262,7 @@ def _determine(
         flags=tuple(flags),
         stopped=any(one.searched.stopped for one in both),
         errors=_errors(base, fitted, steps),
-        material=MaterialChange(before, after, unseen, alone.youngs_modulus.interval95),
+        material=MaterialChange(before, after, unseen, after.undiagnosed_MPa),
         search=SearchRecord(
             score_test=force.searched.first.effects,
             covariates_before=force.searched.first.covariates,
@@ -306,7 +306,8 @@ def _material(
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = over_bend(_over_candidates(alone, force, own, shares), force.searched)
     reached = holding(after.youngs_modulus, averaged.interval95)
-    after = replace(after, youngs_modulus=reached).noted(*remarks)
+    alone_MPa = alone.youngs_modulus.interval95
+    after = replace(after, youngs_modulus=reached, undiagnosed_MPa=alone_MPa).noted(*remarks)
     return (after if sight is None else _over_rise(after, sight)), unseen
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from calibration.tasks.compare import Compared, Comparison
 
 
+HISTORY = "history.json"  # in a folder of results
 MAX_LABEL = 80  # letters of a state's name: one line of a page
 MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
 

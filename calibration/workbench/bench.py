@@ -12,8 +12,8 @@ import shlex
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import chain
 from pathlib import Path
@@ -23,8 +23,7 @@ from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench import analysis
-from calibration.workbench.analysis import Asking, Evidence, Fitted, Verdict
-from calibration.workbench.dropping import Dropping
+from calibration.workbench.analysis import Asking, Dropping, Evidence, Fitted, Verdict
 from calibration.workbench.opened import Opened, what_changed, with_own
 from tactilevision.errors import InputError
 from tactilevision.files.opening import real_path
@@ -126,9 +125,6 @@ Export = Callable[["Shown", Opened, Path], Path]
 Read = Callable[["Bench"], Opened]  # certifies presses; reports to `Bench.report` and `Bench.warned`
 
 
-Effects = tuple[str, ...]
-
-
 @dataclass(frozen=True, slots=True)
 class Shown:
     """Immutable content of the page.
@@ -137,8 +133,7 @@ class Shown:
     `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`: None while the diagnosis runs with
     its progress in `asking`; `named`: effects that the diagnosis before named and that are not added yet;
     `troubled`: why there is no verdict; `sides`: two states to compare, by name; `weeks`: each of several
-    recordings alone; `changed`: changes of the files since; `stated`: E with what may be unseen, by the effects
-    of a model.
+    recordings alone; `changed`: changes of the files since; `stated`: E of the last model after a diagnosis.
     """
 
     version: int
@@ -158,7 +153,7 @@ class Shown:
     changed: str = ""
     sides: tuple[tuple[str, Fitted], ...] = ()
     weeks: tuple[HistoryRow, ...] = ()
-    stated: Mapping[Effects, Estimate] = field(default_factory=dict)
+    stated: Estimate | None = None
 
     @property
     def history(self) -> History:
@@ -175,16 +170,15 @@ class Shown:
         return verdict, [*opened.warnings, *(() if one is None else one.warnings), *excluded]
 
     def found(self, opened: Opened) -> Comparison:
-        """Return the models as a report shows them: with E as stated on the page, and with every caveat."""
+        """Return the models as a report shows them: with E after the diagnosis, and with every caveat."""
         assert self.now is not None
         models, caveats = [], self.said(opened)[1]
         for model in self.now.found.models:
             gel = model.material
             if gel is not None:
-                E = self.stated.get(model.effects, gel.youngs_modulus)
-                gel = replace(gel, youngs_modulus=E, warnings=tuple(dict.fromkeys((*gel.warnings, *caveats))))
+                gel = replace(gel, warnings=tuple(dict.fromkeys((*gel.warnings, *caveats))))
             models.append(replace(model, material=gel))
-        return replace(self.now.found, models=tuple(models), suggested=self.suggested)
+        return replace(self.now.found, models=tuple(models), suggested=self.suggested, over=self.stated)
 
 
 @dataclass(slots=True)
@@ -393,21 +387,14 @@ class Bench:
             if key in place[1]:
                 known.verdict, known.suggested = None, None
 
-    def _stated(self, at: History, found: Comparison) -> dict[Effects, Estimate]:
-        """Return what the diagnoses of a state and of those before stated of E, by the effects of each model."""
+    def _stated(self, at: History, found: Comparison) -> Estimate | None:
+        """Return E of a state by its own diagnosis, else by the one of the base model that named its effects."""
         left_out, keys = self._place(at)
-        verdicts = {keys[:count]: self._known[left_out, keys[:count]].verdict for count in range(len(keys) + 1)}
-        of_force = {key for model in found.models for key in model.effects}
-        stated = {
-            tuple(key for key in prefix if key in of_force): one.modulus
-            for prefix, one in verdicts.items()
-            if one is not None and one.modulus is not None
-        }
-        last, base = found.models[-1].effects, verdicts[()]
-        known = base is not None and base.word == "IDENTIFIED" and set(last) == set(base.named)
-        if base is not None and known and base.next_modulus is not None:
-            stated.setdefault(last, base.next_modulus)
-        return stated
+        own, base = (self._known[left_out, one].verdict for one in (keys, ()))
+        if own is not None and own.modulus is not None:
+            return own.modulus
+        named = base is not None and base.word == "IDENTIFIED" and set(found.models[-1].effects) == set(base.named)
+        return base.next_modulus if base is not None and named else None
 
     def _change(self, action: str, value: str) -> None:
         if action == "open" and self._read is not None:
@@ -533,7 +520,7 @@ class Bench:
             self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
                 now = self._shown.now
-                stated = self._stated(self._shown.history, now.found) if now else {}
+                stated = self._stated(self._shown.history, now.found) if now else None
                 self._show(verdict=verdict, named=(), asking=None, troubled=why, stated=stated)
                 with self._turn:
                     self._todo.append(("look", ""))  # the effects that it named may not be fitted yet

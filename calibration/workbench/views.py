@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -29,8 +28,9 @@ from calibration.tasks.calibrate import HistoryRow
 from calibration.tasks.compare import Compared, Comparison, rms_of_presses
 from calibration.workbench.analysis import OF_FORCE, Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.curve_views import why_off
 from calibration.workbench.opened import Opened
-from calibration.workbench.press_scatter import why_off
+from calibration.workbench.recorded import uncertified
 from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.misfit import ErrorFall, Strip
@@ -181,25 +181,21 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
 
 
 def _modulus(found: Comparison, shown: Shown) -> list[dict[str, Any]]:
-    """Return E and nu of each model in words, with what its diagnosis allows for."""
-    names, rows = model_names([model.effects for model in found.models]), []
-    verdict = shown.verdict or Verdict()
-    for name, model in zip(names, found.models, strict=True):
-        material, last = model.material, model is found.models[-1]
-        if material is not None:
-            material = replace(material, youngs_modulus=shown.stated.get(model.effects, material.youngs_modulus))
-        row = None if material is None else modulus_rows({name: material})[0]
-        lacks = [in_words(key) for key in verdict.named] if last and verdict.word != "AMBIGUOUS" else []
-        rows.append(
-            {
-                "name": name,
-                "modulus": [] if row is None else row.modulus,
-                "ratio": [] if row is None else row.ratio,
-                "open": [] if material is None else undetermined([material]),
-                "lacks": f"lacks {' and '.join(lacks)}" if lacks else "",
-            }
-        )
-    return rows
+    """Return E and nu of each model in words, and E of the last one after the diagnosis."""
+    names, verdict = model_names([model.effects for model in found.models]), shown.verdict or Verdict()
+    known = {name: one.material for name, one in zip(names, found.models, strict=True) if one.material is not None}
+    rows = {row.name: row for row in modulus_rows(known, shown.stated if names[-1] in known else None)}
+    lacks = [in_words(key) for key in verdict.named] if verdict.word != "AMBIGUOUS" else []
+    return [
+        {
+            "name": name,
+            "modulus": rows[name].modulus if name in rows else [],
+            "ratio": rows[name].ratio if name in rows else [],
+            "open": undetermined([known[name]]) if name in known else [],
+            "lacks": f"lacks {' and '.join(lacks)}" if lacks and name == names[-1] else "",
+        }
+        for name in dict.fromkeys((*names, *rows))
+    ]
 
 
 def _stiffness(found: Comparison) -> list[dict[str, str]]:
@@ -266,7 +262,8 @@ def _overlay(shown: Strip) -> dict[str, Any]:
 def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
     """Yield every press in the order of pressing, also excluded and rejected ones, with the reason."""
     if opened.observed is None:
-        yield from _uncertified(opened, "not certified" if shown.troubled else "being certified")
+        why = "not certified" if shown.troubled else "being certified"
+        yield from uncertified([one.recording for one in opened.measured], why)
         return
     data, names, rms = opened.data, press_names(opened.data), _rms(shown)
     odd = () if shown.verdict is None else shown.verdict.odd
@@ -289,17 +286,6 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
             why = point.details.findings or (point.reason or "rejected").replace("_", " ")
             of = {"name": point.press, "label": point.press, "recording": number, "indenter": point.indenter}
             yield {**of, "state": f"rejected: {why}", "odd": False, "rms": []}
-
-
-def _uncertified(opened: Opened, why: str) -> Iterator[dict[str, Any]]:
-    """Yield the presses as recorded; their names are those that they have once they are certified."""
-    several = len(opened.measured) > 1
-    for number, measured in enumerate(opened.measured):
-        recording = measured.recording
-        for press in recording.presses:
-            name = f"{recording.name}/{press.press}" if several else press.press
-            of = {"name": name, "label": press.press, "recording": number, "indenter": press.indenter}
-            yield {**of, "state": why, "odd": False, "rms": []}
 
 
 def _rms(shown: Shown) -> dict[str, list[float]]:

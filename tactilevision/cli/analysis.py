@@ -1,18 +1,17 @@
-"""Commands `diagnose`, `compare`, `steps`, `new-effect` and `workbench`: what a model lacks."""
+"""Commands `diagnose`, `compare`, `steps` and `new-effect`, and the work of `workbench`: what a model lacks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
-import typer
-
 from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.effects.private import new_effect as write_template
 from calibration.inputs.deadline import Deadline, Progress
+from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.diagnosis_report import summary
 from calibration.report.figures import FigureChoice
@@ -20,25 +19,21 @@ from calibration.report.headline import fall_sentence
 from calibration.report.misfit import error_falls
 from calibration.report.report import column
 from calibration.tasks.compare import Compared
-from calibration.tasks.session import History, Step, load_history, steps_of_comparison
+from calibration.tasks.session import HISTORY, History, Step, load_history, steps_of_comparison
 from calibration.workbench.bench import Bench, Shown
-from calibration.workbench.opened import Frames, Opened, file_marks
-from calibration.workbench.server import Server, plotly
+from calibration.workbench.opened import Opened
+from calibration.workbench.recorded import Frames, Marks
 from tactilevision import result_folders as folders
 from tactilevision.cli import console, options
-from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.files.cache import remember, remembered
-from tactilevision.files.opening import real_path
+from tactilevision.errors import TactilevisionError
 from tactilevision.pipeline import (
     CertifiedRecording,
     certify_recordings,
     observed,
-    read_recordings,
     sharpest_poisson_ratio,
 )
+from tactilevision.recording.model import Recording
 from tactilevision.records.constants import KILO, NU_SILICONE
-
-PAGE = "page"  # what is remembered of a workbench: its port and token
 
 
 def diagnose(given: options.Diagnose) -> None:
@@ -95,7 +90,7 @@ def _model_line(model: Compared) -> str:
 
 def steps(given: options.Steps) -> None:
     """List the steps of an analysis; undo and redo them. The folder's results follow."""
-    history = load_history(given.folder / folders.HISTORY)
+    history = load_history(given.folder / HISTORY)
     if given.undo or given.redo:
         history = history.undo() if given.undo else history
         history = history.redo() if given.redo else history
@@ -120,31 +115,25 @@ def _step_errors(step: Step) -> str:
     return f"error on held-out presses {fall}"
 
 
-def workbench(given: options.Workbench) -> None:
-    """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
-    plotly()
-    out = given.out
-    history = _opening(given.recordings or [], given.state, seed=given.seed, prior=given.prior)
-    own, files = folders.named_effects(given.private)
-    paths = tuple(Path(name) for name in history.recordings)
-    read = read_recordings(paths)
+def bench_of(
+    history: History,
+    recordings: Sequence[Recording],
+    frames: Sequence[Frames | None],
+    marks: Marks,
+    own: tuple[Sequence[Effect], Mapping[str, str]],
+    out: Path,
+) -> Bench:
+    """Return the workbench of recordings that are not certified yet; `own` effects and their files by key."""
     opened = Opened(
-        paths=paths,
-        measured=tuple(CertifiedRecording(one).measured for one in read),
+        paths=tuple(Path(name) for name in history.recordings),
+        measured=tuple(CertifiedRecording(one).measured for one in recordings),
         bound=NU_SILICONE if history.prior else None,
-        private=tuple(own),
-        files=files,
-        frames=tuple(Frames(one) if one.frame_names else None for one in read),
-        marks=file_marks(paths),
+        private=tuple(own[0]),
+        files=own[1],
+        frames=tuple(frames),
+        marks=marks,
     )
-    labelled = [step for label in history.labels for step in label.steps]
-    folders.check_named(
-        [*history.steps, *history.undone, *labelled],
-        opened.files,
-        what="an effect of your own is in the state",
-        where="--state",
-    )
-    bench = Bench(
+    return Bench(
         opened,
         history,
         export=_export,
@@ -152,37 +141,6 @@ def workbench(given: options.Workbench) -> None:
         out=out,
         read=_certified,
     )
-    with _served(bench, out, given.port, framed=given.framed) as server:
-        console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
-        if given.browser:
-            typer.launch(server.address)
-        bench.work()
-
-
-def _served(bench: Bench, out: Path, port: int, *, framed: bool) -> Server:
-    """Return the page at the port and the token that this folder's had before, so that an open page comes back."""
-    before, _, token = remembered(PAGE, real_path(out)).partition(" ")
-    try:
-        server = Server(bench, port or int(before or 0), framed=framed, token=token)
-    except InputError:
-        if port or not before:
-            raise
-        server = Server(bench, framed=framed)  # another workbench has that port
-    remember(PAGE, real_path(out), f"{server.port} {server.token}")
-    return server
-
-
-def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
-    """Return the saved history, or a new one. Raises InputError for both a state and recordings, or neither."""
-    if (state is None) == (not recordings):
-        raise InputError(
-            "a workbench opens recordings, or the state of an analysis",
-            where="workbench",
-            remedy="Name RECORDING..., or --state FOLDER.",
-        )
-    if state is None:
-        return History(tuple(str(real_path(path)) for path in recordings), seed=seed, prior=prior)
-    return load_history(state / folders.HISTORY if state.is_dir() else state)
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,7 +235,7 @@ class Validate(WithFigures, WithJson, runs="simulate.validate", locks="out"):
 # What a model lacks
 
 
-class Workbench(Options, runs="analysis.workbench", locks="out"):
+class Workbench(Options, runs="workbench.workbench", locks="out"):
     """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
 
     recordings: Annotated[

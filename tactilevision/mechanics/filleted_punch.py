@@ -18,6 +18,7 @@ Proc. IMechE C 212 (1998) 319.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -39,13 +40,17 @@ from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import PPoly
 
 SHARP_MM = 1e-5  # a smaller rounding is ignored
 MIN_FLAT = 0.05  # least flat part of the radius
+KEPT = 256  # growths that are kept
 STEPS = 33  # of the contact's radius in the spline of its growth
 RATIOS = (0.05, 5)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
+
+
+Punch = tuple[float, float, float, float, float]  # radius, edge and thickness in mm, nu, sticking
 
 
 def rounded_contact(
@@ -61,9 +66,53 @@ def rounded_contact(
 
     `sticking` from 0 (the gel slides over the edge) to 1 (it sticks to it).
     """
+    punch = (outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking)
+    return _met(depth_mm, punch, _growths([punch]))
+
+
+def contacts_and_slopes(
+    depths_mm: Sequence[Floats], punches: Sequence[Punch], *, along: Sequence[int]
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield `rounded_contact` (2, N) of each punch at its depths, and the derivatives (k, 2, N) with respect to k
+    of its arguments, the depth being number 0.
+
+    By differences, over arguments that shape the growth one-sided.
+    """
+    orders = [order for order in along if order]
+    moved = [[_moved(punch, order) for order in orders] for punch in punches]
+    growths = _growths([*punches, *(one for ones in moved for one in ones)])
+    for depth, punch, others in zip(depths_mm, punches, moved, strict=True):
+        sides = [depth] if len(orders) == len(along) else [depth, depth - MICRO, depth + MICRO]
+        here, *ends = np.split(np.array(_met(np.concatenate(sides), punch, growths)), len(sides), axis=1)
+        slopes = {0: (ends[1] - ends[0]) / (2 * MICRO)} if ends else {}
+        for order, other in zip(orders, others, strict=True):
+            change = np.subtract(_met(depth, other, growths), here)
+            slopes[order] = change / (other[order - 1] - punch[order - 1])
+        yield here, np.array([slopes[order] for order in along]).reshape(len(along), *here.shape)
+
+
+def _moved(punch: Punch, order: int) -> Punch:
+    """Return the punch with one argument a little larger; nu and sticking, which end there, a little smaller."""
+    more = list(punch)
+    more[order - 1] += MICRO * max(punch[order - 1], MIN_FLAT) * (-1 if order > 3 else 1)
+    return tuple(more)  # type: ignore[return-value]
+
+
+class _Growth(NamedTuple):
+    """Root of the growth and share of force `through` the cube root of the depth, until the whole edge is in."""
+
+    through: PPoly
+    flat_mm: float
+    need_mm: float
+    lost_mm: float
+
+
+def _met(depth_mm: Floats, punch: Punch, growths: Mapping[Punch, _Growth]) -> tuple[Floats, Floats]:
+    """Return what `rounded_contact` does."""
+    outer_mm, edge_mm = punch[:2]
     if edge_mm < SHARP_MM:
         return np.full(depth_mm.shape, outer_mm), np.ones(depth_mm.shape)
-    growth = _growth(outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking)
+    growth = growths[punch]
     root, met = growth.through(np.cbrt(np.clip(depth_mm, 0, growth.need_mm))).T
     full = 1 - growth.lost_mm / np.maximum(depth_mm, growth.need_mm)
     whole = depth_mm >= growth.need_mm
@@ -71,56 +120,69 @@ def rounded_contact(
     return flat_mm + (outer_mm - flat_mm) * np.where(whole, 1.0, root) ** 2, np.where(whole, full, met)
 
 
-def rounded_slope(
-    depth_mm: Floats,
-    outer_mm: float,
-    edge_mm: float,
-    thickness_mm: float,
-    poisson_ratio: float,
-    sticking: float,
-    *,
-    along: int,
-) -> Floats:
-    """Return the derivatives (2, N) of `rounded_contact` with respect to one argument, the depth being number 0.
-
-    By differences, over arguments that shape the growth one-sided.
-    """
-    punch = np.array([outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking])
-    if along == 0:
-        ends = [np.array(rounded_contact(depth_mm + side * MICRO, *punch.tolist())) for side in (-1, 1)]
-        return np.asarray((ends[1] - ends[0]) / (2 * MICRO))
-    more = punch.copy()
-    more[along - 1] += MICRO * max(punch[along - 1], MIN_FLAT) * (-1 if along > 3 else 1)  # nu and sticking end
-    change = np.subtract(rounded_contact(depth_mm, *more.tolist()), rounded_contact(depth_mm, *punch.tolist()))
-    return np.asarray(change / (more - punch)[along - 1])
+_GROWN: dict[Punch, _Growth] = {}
 
 
-class _Growth(NamedTuple):
-    """Root of the growth and share of force `through` the cube root of the depth, until the whole edge is in."""
+def _growths(punches: Sequence[Punch]) -> dict[Punch, _Growth]:
+    """Return the growth of each punch with an edge; a fit asks for the same few at every other step."""
+    found = {punch: _GROWN.get(punch) for punch in punches if punch[1] >= SHARP_MM}
+    new = [punch for punch, known in found.items() if known is None]
+    made = dict(zip(new, _grow(new), strict=True)) if new else {}
+    if len(_GROWN) > KEPT:
+        _GROWN.clear()
+    _GROWN.update(made)
+    return {punch: known or made[punch] for punch, known in found.items()}
 
-    through: CubicSpline
-    flat_mm: float
-    need_mm: float
-    lost_mm: float
 
+def _grow(punches: Sequence[Punch]) -> Iterator[_Growth]:
+    """Yield the growth of each punch, all made together."""
+    from scipy.interpolate import PPoly
 
-@lru_cache(maxsize=256)  # a fit asks for the same few at every step of its other parameters
-def _growth(
-    outer_mm: float, edge_mm: float, thickness_mm: float, poisson_ratio: float, sticking: float
-) -> _Growth:
-    from scipy.interpolate import CubicSpline
-
-    b = outer_mm - min(edge_mm, (1 - MIN_FLAT) * outer_mm)
+    outer, edge, thickness, _, sticking = np.array(punches).T[:, :, None]
+    b = outer - np.minimum(edge, (1 - MIN_FLAT) * outer)
     grid = np.linspace(0, 1, STEPS)  # root of how far the contact has grown: w goes with its cube
-    r = b + (outer_mm - b) * grid**2
-    need, lost = _half_space(r, b, edge_mm) * _of_layer(poisson_ratio, r / thickness_mm, b / r) ** (1 - sticking)
-    share = np.append(1.0, 1 - lost[1:] / need[1:])
-    through = CubicSpline(np.cbrt(need), np.stack([grid, share], axis=1))
-    return _Growth(through, b, float(need[-1]), float(lost[-1]))
+    r = b + (outer - b) * grid**2
+    layer = _of_layers([punch[3] for punch in punches], r / thickness, b / r)
+    need, lost = _half_space(r, b, edge) * np.where(sticking == 0, layer, layer ** (1 - sticking))
+    share = np.ones(need.shape)
+    share[:, 1:] = 1 - lost[:, 1:] / need[:, 1:]
+    knots = np.cbrt(need)
+    for k, coefficients in enumerate(_splines(knots, np.stack(np.broadcast_arrays(grid, share), axis=2))):
+        through = PPoly.construct_fast(coefficients, knots[k])
+        yield _Growth(through, float(b[k, 0]), float(need[k, -1]), float(lost[k, -1]))
 
 
-def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
-    """Return the depth at which the contact reaches r, and the depth that the rounding loses, (2, n)."""
+def _splines(x: Floats, y: Floats) -> Floats:
+    """Return the coefficients (k, 4, n - 1, m) of cubic splines, not-a-knot, through y (k, n, m) at x (k, n).
+
+    They are scipy's CubicSpline's, of many splines in the time of one. Raises ValueError where x does not rise.
+    """
+    from scipy.linalg.lapack import dgtsv
+
+    dx = np.diff(x)
+    if not (np.isfinite(x).all() and np.isfinite(y).all() and (dx > 0).all()):
+        raise ValueError("the contact does not grow with depth")
+    step, slope = dx[..., None], np.diff(y, axis=1) / dx[..., None]
+    upper, middle, lower, right = np.zeros(x.shape), np.empty(x.shape), np.zeros(x.shape), np.empty(y.shape)
+    middle[:, 1:-1], upper[:, 1:-1], lower[:, :-2] = 2 * (dx[:, :-1] + dx[:, 1:]), dx[:, :-1], dx[:, 1:]
+    right[:, 1:-1] = 3 * (step[:, 1:] * slope[:, :-1] + step[:, :-1] * slope[:, 1:])
+    first, last = x[:, 2] - x[:, 0], x[:, -1] - x[:, -3]
+    middle[:, 0], upper[:, 0], middle[:, -1], lower[:, -2] = dx[:, 1], first, dx[:, -2], last
+    first, last = first[:, None], last[:, None]
+    right[:, 0] = (step[:, 0] + 2 * first) * step[:, 1] * slope[:, 0] + step[:, 0] ** 2 * slope[:, 1]
+    right[:, 0] /= first
+    right[:, -1] = step[:, -1] ** 2 * slope[:, -2] + (2 * last + step[:, -1]) * step[:, -2] * slope[:, -1]
+    right[:, -1] /= last
+    # one system: the splines do not meet
+    *_, found, _ = dgtsv(lower.ravel()[:-1], middle.ravel(), upper.ravel()[:-1], right.reshape(-1, y.shape[2]))
+    along = found.reshape(y.shape)
+    bend = (along[:, :-1] + along[:, 1:] - 2 * slope) / step
+    parts = (bend / step, (slope - along[:, :-1]) / step - bend, along[:, :-1], y[:, :-1])
+    return np.ascontiguousarray(np.stack(parts, axis=1))
+
+
+def _half_space(r: Floats, b: Floats, edge_mm: Floats | float) -> Floats:
+    """Return the depth at which the contact reaches r (k, n), and the depth that the rounding loses, (2, k, n)."""
     x = np.sqrt((r - b) * (r + b)) / b
     small = x < 0.05  # where the differences below cancel
     gap = np.where(small, x**3 * (1 / 3 - x**2 * (1 / 5 - x**2 / 7)), x - np.arctan(x))
@@ -130,16 +192,18 @@ def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
     return np.array([r * b * gap, b**3 * lost / r]) / edge_mm
 
 
-def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
-    """Return what a layer makes of both over a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,)
+def _of_layers(poisson_ratios: Sequence[float], ratio: Floats, flat: Floats) -> Floats:
+    """Return what k layers make of both over a half-space, (2, k, n): at r/h = `ratio` and b/r = `flat`, (k, n)
     each.
     """
-    _, alpha = _variables(np.array([poisson_ratio]), ratio)
+    _, alpha = _variables(np.array(poisson_ratios), ratio)
     over_ratio, over_flat = (  # chebvander in a third of its time
-        np.cos(np.arccos(x)[:, None] * np.arange(size))
+        np.cos(np.arccos(x)[..., None] * np.arange(size))
         for x, size in ((alpha, SIZES[1]), (2 * flat - 1, SIZES[2]))
     )
-    return np.asarray(np.sum((over_ratio @ _table_at(poisson_ratio)) * over_flat, axis=2))
+    tables = np.stack([_table_at(one) for one in poisson_ratios])  # (k, 2, ...)
+    found = np.sum((over_ratio[:, None] @ tables) * over_flat[:, None], axis=3)
+    return np.asarray(found.swapaxes(0, 1))
 
 
 @lru_cache(maxsize=64)  # one nu serves all punches

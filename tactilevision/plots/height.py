@@ -400,7 +400,8 @@ def _draw_bars(axes: Axes, height: HeightMap, terms: Terms) -> None:
             Patch(color=style.GREY, label="deeper than half of the greatest depth"),
             Patch(color=style.GREY, alpha=LOOK.faint, label="elsewhere"),
         ],
-        loc="lower right",
+        loc="upper right",
+        bbox_to_anchor=(1, -LOOK.band),
     )
 
 

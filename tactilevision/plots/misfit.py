@@ -29,6 +29,7 @@ FINE = 2  # decades; over fewer a logarithmic axis has ticks between them
 ROW_IN = 1.6  # inches of height for a press
 LEFT = "residual (mN)"  # measured less modelled force, as every page calls it
 MANY = 200  # samples that overlap
+NAMED = 2  # presses named in a panel, of those that reach beyond it
 QUARTERS = (-180, -90, 0, 90, 180)  # degrees: ticks of a direction
 FACES = "//"  # hatch of what punch faces read
 
@@ -151,6 +152,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
         axes.plot(strip.values + aside, residual_mN, ".", ms=LOOK.dot, mew=0, color=colour, alpha=pale)
         axes.errorbar(strip.centre + aside, KILO * strip.mean_N[k], yerr=KILO * strip.reach95_N[k], fmt="o",
                       color=colour, elinewidth=LOOK.line, label=f"{shown.models[k]} (mean, 95 %)")  # fmt: skip
+        _outside(axes, strip.values + aside, shown, model=k, colour=colour)
     style.zero_line(axes)
     _reach(axes, KILO * shown.reach_N)
     words = [evidence(strip.p_adjusted[k], strip.p_trend[k]) for k in kept]
@@ -158,6 +160,32 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
     axes.set_title(title.replace("no pattern", "none") if "→" in title else title, fontsize=LOOK.small)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)
     axes.set_ylabel(LEFT, fontsize=LOOK.small)
+
+
+def _outside(axes: Axes, x: Floats, shown: ResidualStrips, *, model: int, colour: str) -> None:
+    """Mark the farthest sample of each press that reaches beyond the panel, and name the first few presses."""
+    width, named = float(np.ptp(x)) or 1.0, dict[tuple[float, int], tuple[float, list[str]]]()
+    for place, (press, k) in enumerate(shown.outside(model).items()):
+        side = float(np.sign(shown.residual_N[model, k]))
+        axes.plot(x[k], side * _end(shown), "^" if side > 0 else "v", ms=LOOK.best, mew=0, color=colour)
+        if place < NAMED:  # those at one place in one line
+            named.setdefault((side, round(float(x[k]) / width / LOOK.room)), (float(x[k]), []))[1].append(press)
+    for (side, _), (at, presses) in named.items():
+        right = at - float(x.min()) > width / 2
+        axes.annotate(
+            ", ".join(map(style.as_label, presses)),
+            (at, side * _end(shown)),
+            textcoords="offset points",
+            xytext=(-LOOK.mark if right else LOOK.mark, -side * LOOK.mark),
+            ha="right" if right else "left",
+            va="top" if side > 0 else "bottom",
+            color=colour,
+            fontsize=LOOK.small,
+        )
+
+
+def _end(shown: ResidualStrips) -> float:
+    return KILO * shown.reach_N * (1 + LOOK.room)
 
 
 def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str], values: Floats) -> None:
@@ -228,16 +256,18 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
 
 
 @style.house_look
-def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate]) -> Figure:
-    """Draw Young's modulus under each model, with its 95 % interval."""
+def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate], *, models: int | None = None) -> Figure:
+    """Draw Young's modulus with its 95 % interval under each model, beyond so many `models` in the last colour."""
     figure, (axes,) = style.new_figure(height_in=1 + LOOK.faint * len(names))
-    for place, (estimate, colour) in enumerate(zip(moduli, model_colours(len(names)), strict=True)):
+    colours = model_colours(len(names) if models is None else models)
+    colours = (*colours, *colours[-1:] * (len(names) - len(colours)))
+    for place, (estimate, colour) in enumerate(zip(moduli, colours, strict=True)):
         if estimate.interval95 is not None:
             axes.plot(estimate.interval95, [place, place], "|-", ms=9, color=colour)
         if estimate.value is not None:
             axes.plot(estimate.value, place, "o", ms=LOOK.best, color=colour)
     axes.set_yticks(range(len(names)), list(map(legible, names)))
-    for tick, colour in zip(axes.get_yticklabels(), model_colours(len(names)), strict=True):
+    for tick, colour in zip(axes.get_yticklabels(), colours, strict=True):
         tick.set_color(colour)
     axes.invert_yaxis()
     axes.margins(y=LOOK.room)

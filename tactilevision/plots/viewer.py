@@ -201,7 +201,7 @@ class Window:
             _, width = along(np.asarray(std, np.float64), self.line, mm_per_px=self.height.mm_per_px)
             low, high = value - width, value + width
             self.profile.fill_between(place, low, high, color=style.ORANGE, alpha=LOOK.band, lw=0, label="std")
-            self.profile.legend(loc="best")
+            self.profile.legend(loc="lower right", bbox_to_anchor=(1, 1))
         self.profile.grid(color=style.GRID)
         style.zero_line(self.profile)
         self.profile.invert_yaxis()

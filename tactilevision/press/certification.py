@@ -51,7 +51,7 @@ from tactilevision.press.track import (
     track,
 )
 from tactilevision.recording.layout import some
-from tactilevision.recording.model import BadFrame, Recording, require
+from tactilevision.recording.model import BadFrame, Recording, require_all
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.maps import Footprint
@@ -258,11 +258,6 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
             recording, reconstructor, tracks, windows, offset, bevel_contacts, rest_s, notes, clock_outliers
         )
     )
-
-
-def require_all(recording: Recording) -> None:
-    """Raise RecordingError for what a certificate needs and the recording lacks, before any work is done."""
-    require(recording, "frames", "frame_times", "forces", "presses", "indenters", step="certifying the presses")
 
 
 def _track_all(

@@ -188,6 +188,11 @@ def require(recording: Recording, *needs: Need, step: str) -> None:
             raise RecordingError(f"{step} needs {what}", where=recording.path / place, remedy=remedy)
 
 
+def require_all(recording: Recording) -> None:
+    """Raise RecordingError for what a certificate needs and the recording lacks, before any work is done."""
+    require(recording, "frames", "frame_times", "forces", "presses", "indenters", step="certifying the presses")
+
+
 def _has(recording: Recording, need: Need) -> bool:
     match need:
         case "frames":

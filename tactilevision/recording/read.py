@@ -19,7 +19,7 @@ from tactilevision.errors import RecordingError, found_in
 from tactilevision.files.opening import real_path
 from tactilevision.recording import layout, pictures
 from tactilevision.recording.layout import some
-from tactilevision.recording.model import BallPress, Recording
+from tactilevision.recording.model import BallPress, Recording, require, require_all
 from tactilevision.recording.read_tables import (
     as_three,
     read_curves,
@@ -428,3 +428,25 @@ def _indenter(name: str, settings: IndenterSettings, toml: Path) -> Indenter:
     found = settings.model_dump(include=set(Indenter.__dataclass_fields__) - {"name"}, exclude_none=True)
     with found_in(toml, f"[indenter.{name}]"):
         return Indenter(name=name, **found)
+
+
+# Several recordings of one gel.
+
+Source = str | Path | Recording
+
+
+def read_recordings(given: Sequence[Source]) -> list[Recording]:
+    """Return the recordings, the oldest first. Raises RecordingError where one lacks what certification needs."""
+    opened = oldest_first(given)
+    for recording in opened:
+        if recording.frame_names:
+            require_all(recording)
+        elif not (recording.curves or recording.points):
+            require(recording, "frames", step="certifying depths")
+    return opened
+
+
+def oldest_first(given: Sequence[Source]) -> list[Recording]:
+    """Return the recordings, read where they are folders, in the order of their dates."""
+    read = [one if isinstance(one, Recording) else read_recording(one) for one in given]
+    return sorted(read, key=lambda one: str(one.date or ""))

@@ -92,7 +92,7 @@ class ResidualStrips:
     """Strips of one set of samples, the most significant of the first model first, plotted on one scale.
 
     `residual_N` (m, N) measured less modelled; `radius_mm` (N,) of the punch; `reach_N` the bound on 98 % of every
-    model's residuals.
+    model's residuals; `press` (N,) the label of each sample's press.
     """
 
     models: tuple[str, ...]
@@ -100,6 +100,16 @@ class ResidualStrips:
     residual_N: Floats
     radius_mm: Floats
     reach_N: float
+    press: tuple[str, ...] = ()
+
+    def outside(self, model: int) -> dict[str, int]:
+        """Return the presses with samples beyond `reach_N`, farthest first, and the farthest sample of each."""
+        size, found = np.abs(self.residual_N[model]), dict[str, int]()
+        for k in np.argsort(-size, kind="stable"):
+            if not size[k] > self.reach_N or k >= len(self.press):
+                break
+            found.setdefault(self.press[k], int(k))
+        return found
 
 
 def share_removed(before: float, after: float, repeatability: float) -> float:

@@ -80,5 +80,5 @@ def test_what_is_kept_of_the_layer_is_as_good_as_stated() -> None:
     rng = np.random.default_rng(4)
     for nu in (0.45, 0.48, 0.4999):
         ratio, v = float(rng.uniform(0.2, 1.5)), rng.uniform(0.1, 0.99, 6)
-        kept = filleted_punch._of_layer(nu, np.full(6, ratio), v)
+        kept = filleted_punch._of_layers([nu], np.full((1, 6), ratio), v[None])[:, 0]
         np.testing.assert_allclose(kept, filleted_punch.exact_ratios(nu, ratio, v=v), rtol=2e-4)

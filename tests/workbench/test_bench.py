@@ -20,9 +20,8 @@ from calibration.tasks.session import History, load_history
 from calibration.workbench import bench as bench_module
 from calibration.workbench.analysis import Asking, Models, Verdict
 from calibration.workbench.bench import Bench, Track
-from calibration.workbench.curve_views import curve_view, tried_view
+from calibration.workbench.curve_views import curve_view, tried_view, why_off
 from calibration.workbench.opened import Opened, file_marks
-from calibration.workbench.press_scatter import why_off
 from calibration.workbench.views import state_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
@@ -349,7 +348,7 @@ def test_what_was_stated_of_a_model_stays_and_an_export_keeps_every_caveat(made:
         warnings=("shaded",),
     )
     shown = do(made, "add", "depth_zero")
-    assert shown.stated == {(): modulus, ("depth_zero",): known.verdict.next_modulus}
+    assert shown.stated == known.verdict.next_modulus
     shown = do(made, "leave_out", "p1")
     opened = replace(made.opened, warnings=("of the light",))
     assert shown.said(opened)[1] == ["of the light", "Excluded by hand: p1."]

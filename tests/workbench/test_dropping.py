@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from calibration.workbench.dropping import SIGNAL, Dropping
+from calibration.workbench.analysis import SIGNAL, Dropping
 
 pytestmark = pytest.mark.skipif(SIGNAL is None, reason="the system has no signal for it")
 LONG_S = 20.0  # s: far longer than a drop takes

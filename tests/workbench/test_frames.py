@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.workbench.opened import KEPT, Frames
+from calibration.workbench.recorded import KEPT, Frames
 from tactilevision.contact.bevel import Onset
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
@@ -72,7 +72,7 @@ def test_ten_thousand_frames_are_told_at_once_and_read_one_at_a_time(monkeypatch
     assert time.process_time() - began < 0.5
     assert len(found) < 300_000, "bytes that the page is sent of a press"
     read: list[int] = []
-    monkeypatch.setattr("calibration.workbench.opened.read_frame", lambda _, number: read.append(number))
+    monkeypatch.setattr("calibration.workbench.recorded.read_frame", lambda _, number: read.append(number))
     made.reconstructor = SimpleNamespace(
         rectified=lambda _: np.zeros((300, 400, 3), np.uint8), height_map=lambda _: None
     )  # type: ignore[assignment]

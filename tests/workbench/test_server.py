@@ -35,7 +35,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         out=out,
         asks=False,
     )
-    with Server(bench) as made:
+    with Server((), ()) as made:
+        made.show(bench)
         yield made
 
 
@@ -164,7 +165,7 @@ def test_a_taken_port_is_said(server: Server) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(InputError, match="--port"):
-            Server(server.bench, taken.getsockname()[1])
+            Server((), (), port=taken.getsockname()[1])
 
 
 def test_a_browser_that_goes_in_the_middle_of_a_question_is_no_fault(

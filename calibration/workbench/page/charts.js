@@ -138,8 +138,8 @@ function drawStrip(curves, strip, colourBy, chosen, onPress) {
   if (chosen) {
     const rows = curves.press.flatMap((one, k) => (one === chosen ? [k] : []));
     const shift = apart ? 0.16 * apart * Math.min(last, 1) : 0;
-    traces.push({ x: rows.map((k) => strip.values[k] + shift), showlegend: false, y: rows.map((k) => within(curves.residual[last][k]) / 0.985), mode: rows.length > 1 ? "lines" : "markers", hoverinfo: "skip",
-      line: { color: css("--ink"), width: 1 }, marker: { size: 11, color: "rgba(0,0,0,0)", line: { width: 1.5, color: css("--ink") } } });
+    traces.push({ x: rows.map((k) => strip.values[k] + shift), showlegend: false, y: rows.map((k) => within(curves.residual[last][k]) / 0.985), mode: rows.length > 1 && !apart ? "lines" : "markers", hoverinfo: "skip",
+      line: { color: css("--ink"), width: 1 }, marker: { size: rows.length > 1 ? 6 : 11, color: "rgba(0,0,0,0)", line: { width: rows.length > 1 ? 1 : 1.5, color: css("--ink") } } });
   }
   const node = draw("strip-chart", [...traces, ...names], layout(withUnit(strip.words, strip.unit), LEFT,
     { xaxis: ticks(strip), yaxis: { range: [-reach, reach], zeroline: true }, showlegend: names.length > 0, legend: { title: { text: names.length ? withUnit(colourBy.words, "") : "" }, ...(NARROW.matches ? { orientation: "h", y: -0.25 } : {}) } }));

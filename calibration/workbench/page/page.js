@@ -51,9 +51,21 @@ let lost = false;
 
 /** The server has ended: the command that goes on, at the same address, so that this page comes back. */
 function showLost() {
-  lost = true;
-  $("busy").className = ""; $("busy").textContent = "";
-  $("notice").replaceChildren(LOST, ...(state ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["Open the address that the terminal printed."]));
+  lost = true; drawn.search = "";
+  $("search").hidden = true;
+  tick();
+  $("notice").replaceChildren(LOST, ...(state && state.again ? ["To go on from what is kept: ", h("code", {}, state.again), ". This page then comes back by itself."] : ["The terminal says why, or prints the address to open."]));
+}
+
+/** The state before the server has imported its models: presses and frames as recorded. */
+const EARLY = { busy: "starting", busy_s: 0, certified: false, warnings: [], falls: [], cards: [], components: [], stiffness: [], modulus: [], labels: [], weeks: [], sides: null, model: "",
+  verdict: { with: [], named: [], nearest: [], remarks: [], warnings: [], next: [], tried: [], meanings: {} } };
+let charts = null;
+
+/** Load plotly, which takes longer than all else on the page, once presses and frames can be seen. */
+function loadCharts() {
+  charts ||= new Promise((done, failed) => { document.head.append(h("script", { src: "plotly.js", onload: done, onerror: () => { charts = null; failed(new TypeError("no answer")); } })); });
+  return charts;
 }
 
 async function follow() {
@@ -61,11 +73,13 @@ async function follow() {
     try {
       const news = await ask(`state?since=${state && !lost ? state.version : 0}`);
       if (lost) { lost = false; model = null; say(""); }
-      state = news;
-      seenSince = performance.now() - 1000 * news.busy_s;
+      if (news.certified) await loadCharts();
+      state = { ...EARLY, ...news };
+      seenSince = performance.now() - 1000 * state.busy_s;
       show();
-      if (news.model !== model) {
-        const wanted = news.model;
+      await loadCharts();
+      if (state.model !== model && state.model) {
+        const wanted = state.model;
         curves = await ask("curves");
         model = wanted; tried = null;
         showCurves();
@@ -107,10 +121,10 @@ function show() {
 }
 
 function tick() {
-  const seconds = state && state.busy ? (performance.now() - seenSince) / 1000 : 0;
-  $("busy").className = state && state.busy ? "on" : "";
-  $("stop").hidden = !(state && state.busy && state.stoppable && seconds > 1);
-  $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
+  const busy = state && state.busy && !lost, seconds = busy ? (performance.now() - seenSince) / 1000 : 0;
+  $("busy").className = busy ? "on" : "";
+  $("stop").hidden = !(busy && state.stoppable && seconds > 1);
+  $("busy").textContent = busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
 /** What was exported, which opens in a tab of its own where the browser lets it. */
@@ -184,7 +198,7 @@ function showSearch([asking, tried, left]) {
 
 /** E and nu of each model, with the interval from the data and with what may be unseen. */
 function showModulus([rows, unseen]) {
-  const cell = (three) => h("td", {}, three.length ? [h("b", {}, three[0]), h("small", {}, `data: ${three[1]}`), h("small", {}, `with unseen: ${three[2]}`)] : h("span", { class: "soft" }, "being determined"));
+  const cell = (three) => h("td", {}, three.length ? [three[0] ? h("b", {}, three[0]) : "", three[1] ? h("small", {}, `data: ${three[1]}`) : "", three[2] ? h("small", {}, three[1] ? `with unseen: ${three[2]}` : three[2]) : ""] : h("span", { class: "soft" }, "being determined"));
   fill("modulus", rows.length ? [h("h2", {}, "Young's modulus and Poisson's ratio"), h("table", {},
     h("thead", {}, h("tr", {}, ["model", "E (MPa)", "ν"].map((word) => h("th", { scope: "col" }, word)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name, row.lacks ? h("small", {}, row.lacks) : ""), cell(row.modulus), cell(row.ratio))))),
@@ -205,7 +219,7 @@ function showFalls(falls) {
         const start = k < before.length ? before[k] : before[before.length - 1], text = h("span", { class: "bartext", style: `left: ${at(Math.min(start, top))}` }, fall.error[k].toFixed(1));
         const bar = h("span", { class: "fill", style: `width: ${at(Math.min(start, top))}; background: ${shade(fall.colours[k])}` });
         moved.push(() => { bar.style.width = text.style.left = at(fall.error[k]); });
-        return h("div", { class: "row" }, h("span", {}, name), h("span", { class: "track" }, bar,
+        return h("div", { class: "row" }, h("span", {}, name.replace("+ ", "+\u00a0")), h("span", { class: "track" }, bar,
           fall.band ? [h("span", { class: "band", style: `left: ${at(fall.band[0])}; width: ${at(fall.band[1] - fall.band[0])}` }), h("span", { class: "mark", style: `left: ${at(fall.repeatability)}` })] : "", text));
       })),
       h("p", { class: "soft" }, `${fall.note}${fall.band ? " Shaded on each bar: that scatter with its 95 % interval." : ""}`));
@@ -330,6 +344,8 @@ function showPresses([presses]) {
         "aria-label": fitted ? `Exclude ${one.name}` : `Include ${one.name}` }, fitted ? "exclude" : "include"));
   }));
   $("presses").scrollTop = top;
+  const mine = $("presses").querySelector("[aria-current=true]"), list = $("presses").getBoundingClientRect(), at = mine && mine.getBoundingClientRect();
+  if (mine && (at.top < list.top || at.bottom > list.bottom)) $("presses").scrollTop = mine.offsetTop - $("presses").offsetTop;
 }
 
 function showStates([labels]) {
@@ -402,7 +418,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
-  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")) + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line: the press above. Choose a point to see its press.";
+  $("strip-words").textContent = capital([...new Set(strip.evidence)].join(" → ")).replace("not examined", state.looked ? "not examined" : "being examined") + ". Large: means with their 95 % intervals; pale: single readings; triangles: beyond the chart; thin line or rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
@@ -418,7 +434,7 @@ function showCurves() {
   if (curves.depth) {
     const first = curves.depth.sets[0], at = $("depth-against").value || "0", square = curves.depth.faces ? " (squares: punch faces; dots: slopes next to them)" : "";
     fill("depth-against", first.against.map((one, k) => h("option", { value: k, selected: String(k) === at }, one.words)));
-    fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: right${square} `, h("span", {}, ""));
+    fill("depth-legend", curves.depth.sets.map((one, k) => key(css(k ? "--last" : "--first"), one.name)), `dashed: as certified${square} `, h("span", {}, ""));
   }
   options("covariate", ""); options("colour", h("option", { value: "" }, "model"));
   if (!picked || !state.presses.some((one) => one.name === chosen)) {
@@ -433,6 +449,7 @@ function redraw() {
   for (const name of ["falls", "cards", "weeks"]) drawn[name] = "";
   if (state) show();
   if (curves) showCurves();
+  if ($("force-chart")) tell();
 }
 
 $("stop").addEventListener("click", () => act("stop"));
