@@ -20,11 +20,12 @@ from torch.nn import functional
 
 from tactilevision.heightmap import zero_plane as one
 from tactilevision.heightmap.poisson import inverse_eigenvalues
-from tactilevision.heightmap.zero_plane import ZeroPlane, plane_terms
-from tactilevision.photometric.batched_drift import Batched, ascending, chosen, distance, inverse, masked_median
+from tactilevision.heightmap.zero_plane import ZeroPlane, decay_of, plane_terms
+from tactilevision.photometric.batched_drift import Batched, chosen
+from tactilevision.photometric.drift import distance_px, inverse
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, ascending, masked_median, take
 
 ROUNDS = 12  # rounds of `components`: twice what random masks of these sizes take
 
@@ -108,7 +109,7 @@ class BatchedPlane:
     """Fit the zero planes of depths (B, h, w) with untouched blocks (B, rows, columns), as `find_zero_plane`."""
 
     def __init__(
-        self, shape: tuple[int, int], trusted: Bools, *, mm_per_px: Pair, thickness_mm: float | None, device: str
+        self, shape: tuple[int, int], trusted: Bools, mm_per_px: Pair, *, thickness_mm: float | None, device: str
     ) -> None:
         def on(values: Any) -> Tensor:
             return torch.as_tensor(np.array(values), device=device)
@@ -116,14 +117,11 @@ class BatchedPlane:
         self.shape, blocks = shape, trusted.shape
         self.down, self.across = (on(_shares(n, few)) for n, few in zip(shape, blocks, strict=True))
         self.trusted, self.plane, self.stiff = on(trusted), on(plane_terms(shape, blocks)), on(one.STIFFENING)
-        block_mm = 0.5 * (shape[1] * mm_per_px[0] / blocks[1] + shape[0] * mm_per_px[1] / blocks[0])
-        self.decay = block_mm / (one.DECAY_PER_THICKNESS * (thickness_mm or one.USUAL_THICKNESS_MM))
-        self.decay_std = one.DECAY_STD if thickness_mm else float(np.hypot(one.DECAY_STD, one.THICKNESS_STD))
+        self.decay, self.decay_std = decay_of(shape, blocks, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
         border = torch.ones(blocks, dtype=torch.bool, device=device)
         border[1:-1, 1:-1] = False
         self.border = border.flatten().float()
         self.x, self.y = (torch.linspace(-1, 1, n, device=device) for n in shape[::-1])
-        self.recorded = device != "cpu"
 
     def find(self, depth: Tensor, untouched: Tensor) -> Planes:
         """Return the zero planes of depths."""
@@ -132,7 +130,7 @@ class BatchedPlane:
         flat = (gel & self.trusted).flatten(1)
         count = flat.sum(1)
         odd = (count < one.MIN_BLOCKS) | (3 * count < 2 * flat.shape[1])
-        away = (distance(gel) * self.decay).double().flatten(1)
+        away = (distance_px(gel) * self.decay).double().flatten(1)
         near = torch.exp(-away) * ~gel.all(2).all(1)[:, None]
         rises = self._dented(blocks, gel.flatten(1), flat)
         near = near * rises[:, None]
@@ -148,8 +146,6 @@ class BatchedPlane:
 
     def _outer_gel(self, untouched: Tensor, depth: Tensor) -> Tensor:
         """Return the untouched blocks (B, rows, columns) around all contacts, as `zero_plane._outer_gel`."""
-        if not self.recorded and untouched.all():
-            return untouched
         labels = components(untouched)
         none = depth.new_zeros((len(depth), depth.shape[1] + 1))
         size = none.scatter_add(1, labels, torch.ones_like(depth))
@@ -165,7 +161,7 @@ class BatchedPlane:
         of = torch.where(lower & (large.sum(1, keepdim=True) > 1), highest, largest)
         return ((labels == of) & (labels > 0)).view(untouched.shape)
 
-    def _dented(self, depth: Tensor, gel: Tensor, flat: Tensor) -> Tensor:
+    def _dented(self, depth: Tensor, gel: Tensor, flat: Tensor) -> Batched:
         """Return which maps (B,) have a dent outside the gel, as `zero_plane._dented`."""
         weighted = self.plane * flat[:, None]
         normal = (weighted @ self.plane.T) * self.stiff[:3, :3]
@@ -193,13 +189,11 @@ class BatchedPlane:
             found = (inverted @ sums[..., -1:])[..., 0]
             square = ((found[:, None] @ terms)[:, 0] - depth).square()
             square = square.masked_fill(~flat, torch.inf)
-            scale = MAD_TO_STD * ascending(square).gather(1, count // 2).sqrt() + TINY
+            scale = MAD_TO_STD * take(ascending(square), count // 2).sqrt() + TINY
             state = [found, scale, inverted]
             moved = (found - solution)[:, :3].abs().amax(1) >= one.CONVERGENCE_TOL * scale[:, 0]
             kept = [chosen(live, *pair) for pair in zip(state, kept, strict=True)] if kept else state
             solution, live = kept[0], live & moved
-            if not self.recorded and not live.any():
-                break
             spread = self.decay_std * found[:, -2].abs() + scale[:, 0] * one.MIN_RISE
             prior = correlated[:, 0] * (scale[:, 0] / spread).square()
             bounded = terms / (1.0 + square / (3.0 * scale).square()).square()[:, None]

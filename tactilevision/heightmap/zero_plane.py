@@ -84,12 +84,12 @@ def find_zero_plane(
     count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
-    terms = _terms(gel, depth.shape, mm_per_px, thickness_mm)
+    decay, decay_std = decay_of(depth.shape, gel.shape, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
+    terms = _terms(gel, depth.shape, decay)
     tilts = [1, 2]
     if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
         tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
     used = [0, *tilts, *((3, 4) if _dented(blocks, gel.ravel(), flat, terms[:3]) else ())]
-    decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
     solution, stds, inverse = _reweighted_fit(
         terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
     )
@@ -182,18 +182,25 @@ def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
     return bool(off[~gel].max() > DENTED * (MAD_TO_STD * np.median(np.abs(off[flat]))))
 
 
-def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
+def _terms(untouched: Bools, shape: tuple[int, ...], decay: float) -> Floats:
     """Return terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 without a contact."""
-    rows, columns = untouched.shape
-    terms = np.zeros((5, rows * columns))
+    terms = np.zeros((5, untouched.size))
     terms[:3] = plane_terms(shape, untouched.shape)
     if not untouched.all():
-        block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
         distance = distance_px(untouched).ravel()
-        distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
+        distance *= np.float32(decay)
         np.exp(-distance, out=terms[3])
         np.multiply(distance, terms[3], out=terms[4])
     return terms
+
+
+def decay_of(
+    shape: tuple[int, ...], blocks: tuple[int, ...], *, mm_per_px: Pair, thickness_mm: float | None
+) -> Pair:
+    """Return the side of a block of a picture of `shape` in units of L, and the prior deviation of e."""
+    block_mm = 0.5 * (shape[1] * mm_per_px[0] / blocks[1] + shape[0] * mm_per_px[1] / blocks[0])
+    std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
+    return block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)), std
 
 
 def _reweighted_fit(
