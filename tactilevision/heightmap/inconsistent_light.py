@@ -173,9 +173,9 @@ class LightCheck:
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
-        light: Picture = np.ones_like(change)
-        for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
-            light += answer * (p[i] * q[j])
+        i, j = np.array(SLOPE_POWERS).T
+        light = np.einsum("kchw,khw->chw", self.answers, p[i] * q[j])
+        light += 1.0
         light /= np.sqrt(1.0 + p[2] + q[2])
         return np.stack([self._mean(plane) for plane in change + 1.0 - light])
 
