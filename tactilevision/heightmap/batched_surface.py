@@ -1,12 +1,4 @@
-"""Integrate slopes of many frames at once, and fit their zero planes, in torch: as `poisson.py`, `zero_plane.py`.
-
-The cosine transform of a line x of N numbers is a Fourier transform V of as many,
-
-    X_k = Re(exp(-i pi k/2N) V_k)     V: transform of x_0 x_2 x_4 ... x_5 x_3 x_1
-    V_k = exp(i pi k/2N) (X_k - i X_(N-k))     X_N = 0, and back
-
-Source: Makhoul, A fast cosine transform in one and two dimensions, IEEE Trans. ASSP 28 (1980).
-"""
+"""Integrate slopes of many frames at once, and fit zero planes, in torch: as `poisson.py` and `zero_plane.py`."""
 
 from __future__ import annotations
 
@@ -15,11 +7,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import torch
+from scipy import fft
 from torch import Tensor
 from torch.nn import functional
 
 from tactilevision.heightmap import zero_plane as one
-from tactilevision.heightmap.poisson import inverse_eigenvalues
+from tactilevision.heightmap.poisson import edge_divergence, inverse_eigenvalues
 from tactilevision.heightmap.zero_plane import ZeroPlane, decay_of, plane_terms
 from tactilevision.photometric.batched_drift import Batched, chosen
 from tactilevision.photometric.drift import distance_px, inverse
@@ -31,41 +24,28 @@ ROUNDS = 12  # rounds of `components`: twice what random masks of these sizes ta
 
 
 class BatchedPoisson:
-    """Solve Poisson's equation for slopes of one size (H, W) and scale, as `poisson.integrate`."""
+    """Solve Poisson's equation for slopes of one size (H, W) and scale, as `poisson.integrate`.
+
+    By products with matrices: C of the cosine transform of a line, and D of its divergence, as the frame path's.
+    """
 
     def __init__(self, shape: tuple[int, int], mm_per_px: Pair, device: str) -> None:
-        self.half = 0.5 / mm_per_px[0], 0.5 / mm_per_px[1]
-        self.inverse = torch.as_tensor(inverse_eigenvalues(shape, mm_per_px, "f"), device=device)
-        self.turns = [torch.exp(0.5j * torch.pi * torch.arange(n, device=device) / n) for n in shape]
-        orders = [torch.cat([torch.arange(0, n, 2), torch.arange(1, n, 2).flip(0)]).to(device) for n in shape]
-        self.orders = [(order, order.argsort()) for order in orders]
+        def on(values: Any) -> Tensor:
+            return torch.as_tensor(np.array(values, np.float32), device=device)
+
+        waves = [fft.dct(np.eye(n), norm="ortho", axis=0) for n in shape]
+        steps = mm_per_px[::-1], mm_per_px
+        turned = [
+            edge_divergence(np.eye(n), np.zeros((n, n)), step) @ wave.T
+            for n, step, wave in zip(shape, steps, waves, strict=True)
+        ]
+        (self.down, self.across), (self.fall_down, self.fall_across) = map(on, waves), map(on, turned)
+        self.inverse = on(inverse_eigenvalues(shape, mm_per_px, "f"))
 
     def integrate(self, slopes: Tensor) -> Tensor:
         """Return depth (B, H, W) mm, mean 0, of slopes (B, 2, H, W) that are all known."""
-        p, q = slopes[:, 0] * self.half[0], slopes[:, 1] * self.half[1]
-        across, down = p[..., 1:] + p[..., :-1], q[:, 1:] + q[:, :-1]
-        right = functional.pad(across, (0, 1)) - functional.pad(across, (1, 0))
-        right = right + functional.pad(down, (0, 0, 0, 1)) - functional.pad(down, (0, 0, 1, 0))
-        return self.solve(right)
-
-    def solve(self, right: Tensor) -> Tensor:
-        """Return the depth (B, H, W) of mean 0 whose 5-point Laplacian is `right` (B, H, W), which sums to 0."""
-        modes = self._transform(self._transform(right, 1).mT, 0).mT * self.inverse
-        return self._back(self._back(modes.mT, 0).mT, 1)
-
-    def _transform(self, lines: Tensor, axis: int) -> Tensor:
-        """Return the cosine transform along the last axis, that of a picture's `axis`."""
-        count, turn = lines.shape[-1], self.turns[axis]
-        half = torch.fft.rfft(lines[..., self.orders[axis][0]]) * turn[: count // 2 + 1].conj()
-        return torch.cat([half.real, -half.imag[..., 1 : (count + 1) // 2].flip(-1)], -1)
-
-    def _back(self, modes: Tensor, axis: int) -> Tensor:
-        """Return the lines of a transform."""
-        count = modes.shape[-1]
-        mirrored = functional.pad(modes[..., 1:].flip(-1), (1, 0))[..., : count // 2 + 1]
-        half = torch.complex(modes[..., : count // 2 + 1], -mirrored) * self.turns[axis][: count // 2 + 1]
-        lines: Tensor = torch.fft.irfft(half, n=count)
-        return lines[..., self.orders[axis][1]]
+        modes = self.down @ (slopes[:, 0] @ self.fall_across) + (self.fall_down.T @ slopes[:, 1]) @ self.across.T
+        return self.down.T @ (modes * self.inverse) @ self.across
 
 
 def components(mask: Tensor) -> Tensor:

@@ -72,7 +72,7 @@ class TearCheck:
         """Return `means` of a frame (H, W, 3), all colours of a pixel in one number of 64 bits."""
         lanes = cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA).astype(np.uint16).view(np.uint64)
         sums = (self.sums @ lanes.ravel()).view(np.uint16).reshape(-1, ACROSS, 4)
-        return np.divide(sums.transpose(2, 0, 1)[:3], self.count, order="C")
+        return np.asarray(np.divide(sums.transpose(2, 0, 1)[:3], self.count, order="C"))
 
     def row_below(self, change: Picture) -> int | None:
         """Return the first row below a tear by the change (3, rows, ACROSS) of the means since the reference."""

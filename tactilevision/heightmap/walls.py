@@ -268,7 +268,7 @@ class Law:
         return slopes, (light_rates[0] - ratio * light_rates[1]) / gain
 
 
-def _blur(rows: Floats, sigma: float) -> Floats:
+def _blur(rows: Array, sigma: float) -> Array:
     """Return lines (K, n) blurred by `sigma` of their steps."""
     sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # the fit may overshoot
     size = round(8 * sigma + 1) | 1

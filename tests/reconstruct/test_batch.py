@@ -23,10 +23,11 @@ from tactilevision.heightmap import device
 from tactilevision.heightmap.batch import BatchReader, HeightMaps, Steps
 from tactilevision.heightmap.batched_slopes import rectified
 from tactilevision.heightmap.batched_surface import BatchedPoisson, components
+from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
-from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.maps import Frame, HeightMap, SlopeMap
 from tactilevision.sensors.rectification import rectify
 
 NUMBERS = (0, 3, 6, 96, 150, 246)  # free and gentle gel, and walls
@@ -122,27 +123,16 @@ def test_no_step_of_a_device_waits_for_a_number() -> None:
     assert {one.device.type for one in device.leaves(found)} == {"meta"}
 
 
-@pytest.mark.parametrize("shape", [(24, 30), (25, 31)])
-def test_batched_integration_has_the_exact_solutions(shape: tuple[int, int]) -> None:
-    """Waves that the Laplacian only scales, and a paraboloid, whose edge slopes are means of its own."""
-    step = (0.2, 0.3)
-    solver = BatchedPoisson(shape, step, "cpu")
-    y, x = (np.arange(n) + 0.5 for n in shape)
-    modes = [(1, 0), (3, 4), (shape[0] - 1, shape[1] - 1)]
-    waves = np.stack(
-        [np.outer(np.cos(np.pi * j * y / shape[0]), np.cos(np.pi * i * x / shape[1])) for j, i in modes]
-    )
-    bends = [
-        (2 - 2 * np.cos(np.pi * i / shape[1])) / step[0] ** 2
-        + (2 - 2 * np.cos(np.pi * j / shape[0])) / step[1] ** 2
-        for j, i in modes
-    ]
-    right = torch.tensor(-waves * np.array(bends)[:, None, None], dtype=torch.float32)
-    assert solver.solve(right).numpy() == pytest.approx(waves, abs=1e-5)
-    x_mm, y_mm = np.meshgrid(x * step[0], y * step[1])
-    depth = 0.1 * x_mm**2 + 0.05 * y_mm**2 + 0.3 * x_mm
-    slopes = torch.tensor(np.stack([0.2 * x_mm + 0.3, 0.1 * y_mm])[None], dtype=torch.float32)
-    assert solver.integrate(slopes)[0].numpy() == pytest.approx(depth - depth.mean(), abs=1e-4)
+def test_batched_integration_is_that_of_frames_and_exact_for_a_paraboloid() -> None:
+    """The edge slopes of a paraboloid are means of its own."""
+    shape, step = (25, 30), (0.2, 0.3)
+    y_mm, x_mm = (np.arange(n) * along for n, along in zip(shape, step[::-1], strict=True))
+    depth = 0.1 * x_mm**2 + (0.05 * y_mm**2)[:, None] + 0.3 * x_mm
+    smooth = np.stack(np.broadcast_arrays(0.2 * x_mm + 0.3, (0.1 * y_mm)[:, None]))
+    rough = np.random.default_rng(0).standard_normal((2, *shape))
+    found = BatchedPoisson(shape, step, "cpu").integrate(torch.from_numpy(np.stack([smooth, rough])).float())
+    assert found[0].numpy() == pytest.approx(depth - depth.mean(), abs=1e-4)
+    assert found[1].numpy() == pytest.approx(integrate(SlopeMap(*rough), step), abs=1e-5)
 
 
 def test_connected_parts_are_those_of_opencv() -> None:
