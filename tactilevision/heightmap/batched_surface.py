@@ -15,10 +15,10 @@ from tactilevision.heightmap import zero_plane as one
 from tactilevision.heightmap.poisson import edge_divergence, inverse_eigenvalues
 from tactilevision.heightmap.zero_plane import ZeroPlane, decay_of, plane_terms
 from tactilevision.photometric.batched_drift import Batched, chosen
-from tactilevision.photometric.drift import distance_px, inverse
+from tactilevision.photometric.drift import inverse
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import MAD_TO_STD, ascending, masked_median, take
+from tactilevision.robust import MAD_TO_STD, ascending, take
 
 ROUNDS = 12  # rounds of `components`: twice what random masks of these sizes take
 
@@ -110,11 +110,9 @@ class BatchedPlane:
         flat = (gel & self.trusted).flatten(1)
         count = flat.sum(1)
         odd = (count < one.MIN_BLOCKS) | (3 * count < 2 * flat.shape[1])
-        away = (distance_px(gel) * self.decay).double().flatten(1)
-        near = torch.exp(-away) * ~gel.all(2).all(1)[:, None]
-        rises = self._dented(blocks, gel.flatten(1), flat)
-        near = near * rises[:, None]
-        terms = torch.cat([self.plane.expand(len(near), -1, -1), torch.stack([near, away * near], 1)], 1)
+        rises = one.has_dent(blocks, gel.flatten(1), flat, self.plane)
+        terms = one.with_rise(self.plane, gel, self.decay)
+        terms[:, 3:] *= rises[:, None, None]
         solution, std, takes = self._reweighted(terms, blocks, flat, rises)
         return Planes(solution[:, :3], std[:, :3], count / flat.shape[1], takes[:, :3].float(), odd)
 
@@ -140,15 +138,6 @@ class BatchedPlane:
         ).unsqueeze(1)
         of = torch.where(lower & (large.sum(1, keepdim=True) > 1), highest, largest)
         return ((labels == of) & (labels > 0)).view(untouched.shape)
-
-    def _dented(self, depth: Tensor, gel: Tensor, flat: Tensor) -> Batched:
-        """Return which maps (B,) have a dent outside the gel, as `zero_plane._dented`."""
-        weighted = self.plane * flat[:, None]
-        normal = (weighted @ self.plane.T) * self.stiff[:3, :3]
-        plane = (inverse(normal)[0] @ (weighted @ depth[..., None]))[..., 0]
-        off = depth - plane @ self.plane
-        limit = one.DENTED * MAD_TO_STD * masked_median(off.abs(), flat)
-        return off.masked_fill(gel, -torch.inf).amax(1) > limit
 
     def _reweighted(
         self, terms: Tensor, depth: Tensor, flat: Tensor, rises: Tensor

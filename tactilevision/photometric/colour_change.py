@@ -93,8 +93,10 @@ class MissingColours:
 def _overexposed_window(rgb: Bytes) -> Window | None:
     if rgb.max() < SATURATED:
         return None
-    left, top, width, height = cv2.boundingRect(cv2.compare(rgb.reshape(len(rgb), -1), SATURATED, cv2.CMP_GE))
-    return slice(top, top + height), slice(left // 3, (left + width + 2) // 3)
+    rows = np.flatnonzero(rgb.reshape(len(rgb), -1).max(axis=1) >= SATURATED)
+    down = slice(int(rows[0]), int(rows[-1]) + 1)
+    columns = np.flatnonzero(rgb[down].max(axis=0).max(axis=1) >= SATURATED)
+    return down, slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 # Colour change against the untouched gel, from which slope follows:
@@ -128,7 +130,6 @@ class ChangeMaps:
         np.reciprocal(self.scale, out=self.scale)
         if self.dark is not None:
             self.scale[self.dark] = 1.0 / SOFTENING_GREY
-        self.offset = np.float32(SOFTENING_GREY) * self.scale - np.float32(1.0)
 
     def light(self, gains: Floats) -> Light:
         """Return down (3, h, 2) and across (3, 2, w) of a drift's `gains` (3, 3).
@@ -157,8 +158,9 @@ class ChangeMaps:
         out = np.matmul(down[:, rows], across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
+        out += np.float32(SOFTENING_GREY)
         out *= self.scale[:, rows, columns]
-        out += self.offset[:, rows, columns]
+        out -= np.float32(1.0)
         return out
 
 
