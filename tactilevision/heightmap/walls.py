@@ -177,7 +177,7 @@ class Law:
         self.lines = np.stack(
             [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
         )
-        self.rates = (np.diff(self.lines, axis=1) / self.step).astype(np.float32)
+        self.rates = np.diff(self.lines, axis=1) / self.step
 
     def fitted(self, slopes: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the most likely unknowns (6,) for `slopes` (n,) with deviations `std`, and their covariance.
@@ -240,35 +240,33 @@ class Law:
         Gaussian blur is diffusion: the rate by the log of its sigma is sigma^2 times the second derivative.
         """
         edge, camera = np.exp(unknown[1:3]) / self.step
-        rates, table = _blur(self.rates, edge), self.light
-        slope = np.asarray(unknown[3:], np.float32) @ rates
+        rates = _blur(self.rates, edge)
+        slope, table = unknown[3:] @ rates, self.light
         size, sign = np.abs(slope), np.sign(slope)
-        light = np.zeros((2, 5, len(slope)), np.float32)  # S and C; both, and by blur of the edge and the three c
+        light = np.zeros((2, 5, len(slope)))  # S and C; both, and by blur of the edge and the three c
         light[0, 0] = sign * np.interp(size, table.slopes, table.sine)
         light[1, 0] = np.interp(size, table.slopes, table.cosine)
-        light[0, 1, 1:-1] = np.float32(edge**2) * (slope[2:] + slope[:-2] - 2.0 * slope[1:-1])
+        light[0, 1, 1:-1] = edge**2 * (slope[2:] + slope[:-2] - 2.0 * slope[1:-1])
         light[0, 2:] = rates
         np.multiply(light[0, 1:], sign * np.interp(size, table.slopes, table.cosine_rate), out=light[1, 1:])
         light[0, 1:] *= np.interp(size, table.slopes, table.sine_rate)
         sigma = max(camera, 1.0) * self.step
-        at, places = ((one / sigma).astype(np.float32) for one in (self.s - unknown[0], self.places))
-        distance = places[:, None] - at
-        kernel = np.exp(np.float32(-0.5) * distance * distance)
-        blurred = np.asarray(light.reshape(10, -1) @ kernel, np.float64).reshape(2, 5, -1)
+        distance = ((self.s - unknown[0])[:, None] - self.places) / sigma
+        kernel = np.exp(-0.5 * distance * distance)
+        blurred = np.matmul(light, kernel.T)
         ratio = blurred[0, 0] / blurred[1, 0]
         slopes = np.sign(ratio) * np.interp(np.abs(ratio), table.seen, table.slopes)
         light_rates = np.empty((2, 6, len(self.s)))
         light_rates[:, 1], light_rates[:, 3:] = blurred[:, 1], blurred[:, 2:]
         kernel *= distance
-        light_rates[:, 0] = light[:, 0] @ kernel
-        light_rates[:, 0] /= -sigma
+        light_rates[:, 0] = light[:, 0] @ kernel.T / sigma
         kernel *= distance
-        light_rates[:, 2] = light[:, 0] @ kernel
+        light_rates[:, 2] = light[:, 0] @ kernel.T
         gain = blurred[1, 0] * np.maximum(np.interp(np.abs(slopes), table.slopes, table.seen_rate), MIN_RATE)
         return slopes, (light_rates[0] - ratio * light_rates[1]) / gain
 
 
-def _blur(rows: Array, sigma: float) -> Array:
+def _blur(rows: Floats, sigma: float) -> Floats:
     """Return lines (K, n) blurred by `sigma` of their steps."""
     sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # the fit may overshoot
     size = round(8 * sigma + 1) | 1
