@@ -16,7 +16,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records.constants import TINY
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.measured import Bools, Bytes, Floats, Picture
-from tactilevision.robust import MAD_TO_STD, ascending, masked_median, namespace
+from tactilevision.robust import MAD_TO_STD, ascending, masked_median, median, namespace
 
 # Means over several pixels.
 
@@ -513,9 +513,9 @@ class DriftTracker:
         size = np.abs(self._among_usable(change))
         if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear_grey, 0.5 * mean_grey) * size.size:
             return  # the median of non-negative values is at most twice their mean
-        off = float(np.median(size))
+        off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > clear_grey and float(np.median(swapped)) < MAX_SWAPPED_SHARE * off:
+        if off > clear_grey and float(median(swapped.ravel())) < MAX_SWAPPED_SHARE * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
