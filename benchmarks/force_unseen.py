@@ -85,7 +85,7 @@ def hidden(field: ForceField, unit: Floats, off: Floats, std_mm: float, share: f
     low, high = 0.0, DEEPEST_MM
     for _ in range(STEPS):
         middle = (low + high) / 2
-        low, high = (low, middle) if field.touched(seen(middle)) else (middle, high)
+        low, high = (low, middle) if field.free(seen(middle)) is None else (middle, high)
     return low, np.array([field(seen(part * low)).could_hide_N for part in (1.0, share)])
 
 

@@ -11,6 +11,7 @@ np.median does.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -21,15 +22,43 @@ MAD_TO_STD = 1.4826  # standard deviation over median absolute deviation of norm
 TUKEY_WIDTH = 4.685  # deviations beyond which the biweight is 0: 95 % efficient on normal numbers; Huber, 7.9
 
 
-def median(values: Array) -> Any:
+def median(values: Any) -> Any:
     """Return the medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.
 
-    Assumes at least one value along that axis, and no NaN.
+    Assumes at least one value along that axis, and no NaN. Of arrays or tensors.
     """
     count = values.shape[-1]
     upper = count // 2
-    ordered = np.sort(values, axis=-1)  # faster than np.partition
+    ordered = ascending(values)  # faster than np.partition
     return ordered[..., upper] if count % 2 else 0.5 * (ordered[..., upper - 1] + ordered[..., upper])
+
+
+def namespace(values: Any) -> Any:
+    """Return numpy for an array, torch for a tensor: formulas that name their functions so serve both."""
+    return np if isinstance(values, np.ndarray) else sys.modules["torch"]
+
+
+def ascending(values: Any) -> Any:
+    """Return an array or tensor (..., n) sorted along its last axis."""
+    ordered = namespace(values).sort(values, -1)
+    return getattr(ordered, "values", ordered)
+
+
+def take(values: Any, at: Any) -> Any:
+    """Return an array's or tensor's values (..., k) at places `at` (..., k) along the last axis of (..., n)."""
+    xp = namespace(values)
+    return xp.take_along_axis(values, at, -1) if xp is np else xp.take_along_dim(values, at, -1)
+
+
+def masked_median(values: Any, mask: Any) -> Any:
+    """Return the medians (...,) of `values` (..., n), in their unit, where the `mask` (..., n) is set.
+
+    Infinite where it is set nowhere. Of arrays or tensors.
+    """
+    xp = namespace(values)
+    ordered, count = ascending(xp.where(mask, values, np.inf)), mask.sum(-1)[..., None]
+    low, high = (at.clip(0, values.shape[-1] - 1) for at in ((count - 1) // 2, count // 2))
+    return 0.5 * (take(ordered, low) + take(ordered, high))[..., 0]
 
 
 def quantile(values: Floats, share: float) -> float:

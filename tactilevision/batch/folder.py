@@ -137,7 +137,7 @@ class DepthJob:
         while some := list(islice(left, reader.chunk)):
             good = [frame for frame, _ in some if isinstance(frame, Frame)]
             start = time.perf_counter()
-            maps = iter(reader.read(good).each())
+            maps = iter(reader.read(good).found)
             spent = KILO * (time.perf_counter() - start) / max(len(good), 1)
             for frame, number in some:
                 height = next(maps) if isinstance(frame, Frame) else None

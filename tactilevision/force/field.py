@@ -114,9 +114,7 @@ class ForceField:
                 remedy="Make one with reconstructor.height_map(rgb), or HeightMap(...) of other depths.",
             )
         compliance, seen = self._prepared(height), self._observe(height, shear)
-        grid, flags = compliance.grid, list(seen.flags)
-        flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
-        cells = candidate_cells(seen)
+        grid, flags, cells = compliance.grid, self._flags(seen), candidate_cells(seen)
         if len(cells) == 0:
             return self._nothing(grid, seen, height, *flags)
         found = self._solve(compliance, seen, cells)
@@ -148,9 +146,19 @@ class ForceField:
                 own.check_shear(cell_means(own.grid, shear.u_x_mm, valid=shear.valid)[1])
         return seen
 
-    def touched(self, height: HeightMap) -> bool:
-        """Return whether anything may touch: quick, so that a free gel needs no shear. Raises as a call does."""
-        return len(candidate_cells(self._observe(height))) > 0
+    def _flags(self, seen: Observation) -> list[str]:
+        assert self.compliance is not None
+        return [*seen.flags, *([] if self.compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL])]
+
+    def free(self, height: HeightMap) -> TractionMap | None:
+        """Return the tractions of a map in which nothing touches, so that a free gel needs no shear; else None.
+
+        Raises as a call does.
+        """
+        seen = self._observe(height)
+        if len(candidate_cells(seen)):
+            return None
+        return self._nothing(self._prepared(height).grid, seen, height, *self._flags(seen))
 
     def without_contact(self, height: HeightMap) -> TractionMap:
         """Return the tractions of a map in which nothing touches: zero, to within the detection limit."""

@@ -203,7 +203,7 @@ class ForceJob:
         """
         height, shear, why = self.reconstructor.height_map(frame), None, []
         doubts: tuple[str, ...] = ()
-        if self.field.touched(height):
+        if (found := self.field.free(height)) is None:
             height = self.anchor(height)
             if self.untouched is None or not self.untouched.shows:
                 why = [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
@@ -211,7 +211,7 @@ class ForceJob:
                 shear = self.untouched.shear(self.reconstructor.rectified(frame))
             error = self.reconstructor.error
             doubts = contact_flags(find_contact(height, error), error)
-        found = self.field(height, shear)
+            found = self.field(height, shear)
         # a contact cut by the border is flagged by the field itself
         doubts = add(height.flags, tuple(flag for flag in doubts if flag == BEYOND_BALLS))
         flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.floating[Any]]
 Singles = npt.NDArray[np.float32]
 Cells = npt.NDArray[np.intp]  # flat indices
 KNOWN_SHARE = 0.5  # least known share of a known cell
+BAND = 8  # rows of cells in one product, which is with few zeros
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,22 +85,41 @@ def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[
 
     Cells that are not known are 0.
     """
-    down, along = _overlaps(grid)
     single = np.asarray(picture, dtype=np.float32)
     if valid is None or valid.all():
-        return np.asarray(down @ single @ along, dtype=np.float64), np.ones(grid.shape, dtype=bool)
-    share = np.asarray(down @ valid.astype(np.float32) @ along, dtype=np.float64)
-    total = np.asarray(down @ np.where(valid, single, np.float32(0)) @ along, dtype=np.float64)
-    known = share >= KNOWN_SHARE
+        return _averages(grid, single), np.ones(grid.shape, dtype=bool)
+    share = _shares(grid, np.packbits(valid).tobytes())
+    total, known = _averages(grid, np.where(valid, single, np.float32(0))), share >= KNOWN_SHARE
     return np.divide(total, share, out=np.zeros(grid.shape), where=known), known
 
 
+def _averages(grid: NodeGrid, single: Singles) -> Floats:
+    """Return the averages (rows, columns) of a picture (H, W) over the cells, a band of rows at a time."""
+    bands, along = _overlaps(grid)
+    return np.asarray(np.concatenate([down @ single[rows] for rows, down in bands]) @ along, dtype=np.float64)
+
+
 @lru_cache(maxsize=8)
-def _overlaps(grid: NodeGrid) -> tuple[Singles, Singles]:
-    """Return (rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
-    down = _overlap(grid.view_px[0], grid.mm_per_px[1], grid.shape[0], grid.spacing_mm)
+def _shares(grid: NodeGrid, valid: bytes) -> Floats:
+    """Return the share (rows, columns) of each cell that packed pixels say to be valid."""
+    height, width = grid.view_px
+    bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=height * width)
+    return _averages(grid, bits.reshape(height, width).astype(np.float32))
+
+
+@lru_cache(maxsize=8)
+def _overlaps(grid: NodeGrid) -> tuple[list[tuple[slice, Singles]], Singles]:
+    """Return rows of pixels with (n, rows) for each band of cells, and (W, columns): the share of each pixel in
+    each cell, summing to 1 over a cell.
+    """
+    down = _overlap(grid.view_px[0], grid.mm_per_px[1], grid.shape[0], grid.spacing_mm).astype(np.float32)
     along = _overlap(grid.view_px[1], grid.mm_per_px[0], grid.shape[1], grid.spacing_mm)
-    return down.astype(np.float32), np.ascontiguousarray(along.T, dtype=np.float32)
+    bands = []
+    for part in np.array_split(down, -(-len(down) // BAND)):
+        used = np.flatnonzero(part.any(axis=0))
+        rows = slice(int(used[0]), int(used[-1]) + 1)
+        bands.append((rows, np.ascontiguousarray(part[:, rows])))
+    return bands, np.ascontiguousarray(along.T, dtype=np.float32)
 
 
 def _overlap(pixels: int, pixel_mm: float, cells: int, cell_mm: float) -> Floats:

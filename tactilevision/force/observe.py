@@ -73,7 +73,7 @@ def observe(
     _check(grid, height, shear)
     finite = np.isfinite(height.depth_mm) & height.valid
     depth_px = np.asarray(height.depth_mm, dtype=np.float32)
-    if not finite.all():
+    if shear is not None and not finite.all():
         depth_px = np.where(finite, depth_px, np.float32(0))
     flags: list[str] = []
     if shear is not None and _share_known(shear, depth_px) < 0.5:

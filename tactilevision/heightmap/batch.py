@@ -1,9 +1,9 @@
-"""Convert many frames to height maps at once, on the processor or a CUDA device, through torch.
+"""Convert many frames to height maps at once on a CUDA device, through torch.
 
-The stages are those of `reconstructor.py`. Gentle gel is read in means of pixels; on a device, places with steeper
-slopes pixel by pixel. Frames that need more are read one by one on the processor by the frame path: steep walls,
-overexposed or dark pixels, little untouched gel, pictures that may not be of this sensor; without a device also
-frames with steeper slopes. Maps of free and gentle gel are within 1 um rms of the frame path's.
+The stages are those of `reconstructor.py`, without a look at numbers: gentle gel in means of pixels, places with
+steeper slopes pixel by pixel. Frames that need more are read one by one on the processor by the frame path: steep
+walls, overexposed or dark pixels, little untouched gel, pictures that may not be of this sensor. Without a device
+all are. Maps of free and gentle gel are within 1 um rms of the frame path's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, islice, repeat
 from typing import Any, NamedTuple
 
 import cv2
@@ -30,15 +29,14 @@ from tactilevision.heightmap.batched_surface import BatchedPlane, BatchedPoisson
 from tactilevision.heightmap.deviation import Surface
 from tactilevision.heightmap.device import HOST, Recorded, each, find_device
 from tactilevision.heightmap.reconstructor import MIN_CHECKED_MM, Reconstructor
-from tactilevision.photometric.batched_drift import Batched, BatchedDrift, Drifts
-from tactilevision.photometric.colour_change import FrameChange, brightest
-from tactilevision.photometric.drift import means
+from tactilevision.photometric.batched_drift import Batched, BatchedDrift, Drifts, chosen
+from tactilevision.photometric.colour_change import FrameChange
 from tactilevision.photometric.method import SlopeReading
 from tactilevision.photometric.reference import SATURATED
 from tactilevision.records.maps import Frame, HeightMap, as_frame
-from tactilevision.records.measured import Array, Bools, Bytes, Picture
+from tactilevision.records.measured import Bytes, Picture
 
-CHUNK = {"cpu": 32, "cuda": 128}  # frames at once: what stays in a cache, and what fills a device
+CHUNK = 128  # frames at once: what fills a device
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,40 +56,9 @@ class HeightMaps(Sequence[HeightMap]):
     def __getitem__(self, k: Any) -> Any:
         if isinstance(k, slice):
             return replace(self, depth_mm=self.depth_mm[k], found=self.found[k])
-        if isinstance(one := _whole(self.found[k]), InputError):
+        if isinstance(one := self.found[k], InputError):
             raise one
         return one
-
-    def each(self) -> Iterator[HeightMap | InputError]:
-        """Yield the map of every frame, or the error why there is none."""
-        return map(_whole, self.found)
-
-    @property
-    def valid(self) -> Bools:
-        """Return where (N, H, W) depths are known."""
-        none = np.zeros(self.depth_mm.shape[1:], np.bool_)
-        return np.stack([none if isinstance(one, InputError) else one.valid for one in self.found])
-
-    @property
-    def std_mm(self) -> Array:
-        """Return the standard deviations (N, H, W) of the depths, mm; NaN where there is none."""
-        out = np.full(self.depth_mm.shape, np.nan, np.float32)
-        for own, one in zip(out, self.each(), strict=True):
-            if not isinstance(one, InputError) and one.std_mm is not None:
-                own[...] = one.std_mm
-        return out
-
-    @property
-    def flags(self) -> tuple[tuple[str, ...], ...]:
-        """Return the flags of each frame's map, none for a frame without a map."""
-        return tuple(() if isinstance(one, InputError) else one.flags for one in self.found)
-
-
-def _whole(one: HeightMap | InputError) -> HeightMap | InputError:
-    """Return a map with its deviation in every pixel, which is kept on a grid."""
-    if isinstance(one, InputError) or one.std_mm is None or one.std_mm.shape == one.depth_mm.shape:
-        return one
-    return replace(one, std_mm=np.asarray(cv2.resize(one.std_mm, one.depth_mm.shape[::-1])))
 
 
 def reconstruct_batch(
@@ -119,51 +86,112 @@ class Found(NamedTuple):
     drifts: Drifts
 
 
-class BatchReader:
-    """Reads batches of frames by one `reconstructor` on one `device`; what both determine is prepared once.
+class Steps:
+    """The steps from pictures to maps of gentle gel, by one `reconstructor` on one `device`.
 
-    `fine`: whether steeper places are read there, pixel by pixel; by default on a CUDA device. Not for several
-    threads.
+    No step depends on numbers, so that all may be recorded.
     """
 
-    def __init__(self, reconstructor: Reconstructor, device: str = "auto", *, fine: bool | None = None) -> None:
-        self.reconstructor, self.may_change = reconstructor, device == "auto"
-        self._prepare(find_device(device), fine)
-
-    def _prepare(self, device: str, fine: bool | None = None) -> None:
-        self.device, self.chunk = device, CHUNK[device.partition(":")[0]]
-        self.fine = device != HOST if fine is None else fine
-        method, sensor = self.reconstructor.referenced, self.reconstructor.sensor
-        tiled = method.tiled_evaluator if method else None
-        self.usable = method is not None and tiled is not None and Level.reads(method.evaluate)
-        self.valid: Any = method and method.reference.usable & method.readable
-        self.recorded: Recorded[Found] | None = None
-        if not self.usable or method is None or tiled is None or self.reconstructor.error is None:
-            return
-        self.method, self.tiled, self.error, self.px = method, tiled, self.reconstructor.error, tiled.px
-        self.grids, self.drift = self.reconstructor.grids, BatchedDrift(method.change.tracker, device)
+    def __init__(self, reconstructor: Reconstructor, device: str) -> None:
+        method, sensor, error = reconstructor.referenced, reconstructor.sensor, reconstructor.error
+        assert method is not None
+        assert method.tiled_evaluator is not None
+        assert error is not None
+        on, tiled = partial(torch.as_tensor, device=device), method.tiled_evaluator
+        self.reconstructor, self.method, self.tiled, self.error = reconstructor, method, tiled, error
+        self.valid = method.reference.usable & method.readable
+        self.drift, shape = BatchedDrift(method.change.tracker, device), method.reference.shape
         self.means = Level(tiled.maps, tiled.evaluate, tiled.kept_share, tiled.bias, device=device)
         self.pixels = Level(method.change.maps, method.evaluate, method.kept_share, method.bias, device=device)
-        assert self.grids is not None
-        shape, step = (
-            (self.grids.shape, sensor.mm_per_px) if self.fine else (self.grids.size, self.grids.coarse_mm)
-        )
-        self.poisson = BatchedPoisson(shape, step, device)
-        thickness = sensor.gel.thickness_mm if sensor.gel else None
-        self.plane = BatchedPlane(
-            shape, method.trusted_blocks, mm_per_px=step, thickness_mm=thickness, device=device
-        )
-        error, on = self.error, partial(torch.as_tensor, device=device)
+        self.poisson = BatchedPoisson(shape, sensor.mm_per_px, device)
+        thickness, trusted = sensor.gel.thickness_mm if sensor.gel else None, method.trusted_blocks
+        self.plane = BatchedPlane(shape, trusted, sensor.mm_per_px, thickness_mm=thickness, device=device)
         self.gain_square, self.free_mm2 = on(error.gain_square), on(error.free_mm2)
         self.drift_depths, self.drift_terms = on(error.drift.depths), on(error.drift.terms)
         self.threshold, self.per_noise = on(tiled.slope_threshold), on(tiled.per_noise)
-        self.limit = min(self.reconstructor.readable, error.steepest)
-        self.over = method.change.overexposed is not None
-        self.sound = torch.as_tensor(self.valid, device=device)
-        if device != HOST:
-            size, maps = (sensor.height_px, sensor.width_px), sensor.rectification
-            with torch.inference_mode():
-                self.recorded = Recorded(self._on_device, device=device, count=self.chunk, shape=size, maps=maps)
+        self.limit = min(reconstructor.readable, error.steepest)
+        self.over, self.sound = method.change.overexposed is not None, on(self.valid)
+
+    @staticmethod
+    def serve(reconstructor: Reconstructor) -> bool:
+        """Return whether the steps have the law of a reconstructor."""
+        method = reconstructor.referenced
+        return method is not None and method.tiled_evaluator is not None and Level.reads(method.evaluate)
+
+    def __call__(self, greys: Tensor) -> Found:
+        """Return what rectified pictures (B, 3, H, W) give."""
+        dark = (greys.amax(1) <= self.method.change.darkest) & self.sound
+        odd = (greys.amax((1, 2, 3)) >= SATURATED) | dark.any(2).any(1) | self.over
+        drifts, slopes = self._slopes(greys)
+        odd = odd | drifts.odd | ~(slopes.square().sum(1).amax((1, 2)).sqrt() < self.limit)
+        depth = self.poisson.integrate(slopes)
+        planes = self.plane.find(depth, drifts.untouched)
+        depth = self.plane.level(depth, planes)
+        lowest, highest = depth.amin((1, 2)), depth.amax((1, 2))
+        return Found(depth, self._std(depth, planes, drifts), lowest, highest, odd | planes.odd, planes, drifts)
+
+    def _slopes(self, greys: Tensor) -> tuple[Drifts, Tensor]:
+        """Return drifts and slopes (B, 2, H, W), those of gentle gel interpolated between means."""
+        tiles = functional.avg_pool2d(greys, self.tiled.px)
+        drifts = self.drift.measure_all(tiles)
+        few, fine = (
+            level.slopes(unmixed(one, drifts, self.drift.power), drifts.gains)
+            for level, one in ((self.means, tiles), (self.pixels, greys))
+        )
+        inside = window_mask(active_blocks(few, self.tiled, self.threshold, self.per_noise), self.tiled)
+        whole = functional.interpolate(few, scale_factor=self.tiled.px, mode="bilinear", align_corners=False)
+        beyond = 0, fine.shape[3] - whole.shape[3], 0, fine.shape[2] - whole.shape[2]
+        return drifts, torch.where(inside[:, None], fine, functional.pad(whole, beyond, mode="replicate"))
+
+    def _std(self, depth: Tensor, planes: Planes, drifts: Drifts) -> Tensor:
+        """Return the deviation (B, h, w) mm on the grid of `DepthError`, of maps without special terms."""
+        few = depth[:, :: self.error.every, :: self.error.every]
+        x, y = (torch.linspace(-1, 1, n, device=depth.device).square() for n in few.shape[:0:-1])
+        offset, along_x, along_y = planes.std_mm.float().square()[:, :, None, None].unbind(1)
+        total = self.gain_square * few.square() + self.free_mm2 + (x * along_x + offset) + y[:, None] * along_y
+        depths = self.drift_depths - (self.drift_depths @ planes.takes.double().mT) @ self.drift_terms
+        light = (depths * (drifts.covariance @ depths)).sum(1).float().view(*drifts.untouched.shape)[:, None]
+        light = functional.interpolate(light, size=few.shape[1:], mode="bilinear", align_corners=False)
+        light = chosen(drifts.drifted, light, torch.zeros_like(light))[:, 0]
+        std: Tensor = (total + light).sqrt()
+        return std
+
+    def height_map(self, found: Found, k: int, frame: Frame, own: Picture) -> HeightMap:
+        """Return the map of the k-th frame of a batch, whose depth (H, W) is `own`. Raises as the frame path."""
+        zero, drift, reconstructor = found.planes.of(k), found.drifts.of(k), self.reconstructor
+        seen = FrameChange(self.method.change, frame.rgb, drift, None, self.valid)
+        if max(-float(found.lowest[k]), float(found.highest[k])) >= MIN_CHECKED_MM:
+            seen = replace(seen, rgb=reconstructor.rectified(frame))
+            surface = Surface(own, zero, (), SlopeReading((), (), self.valid, seen, 0.0))
+            return reconstructor.assessed(surface, time_s=frame.time_s, name=frame.name).height
+        std_mm, scale = np.asarray(cv2.resize(found.std[k], own.shape[::-1])), reconstructor.sensor.mm_per_px
+        flags = reconstructor.match.flags(seen, zero) if reconstructor.match else ()
+        change, free_mm = drift.normalised_residual, self.error.untouched_std_mm
+        found_map = HeightMap(own, self.valid, scale, std_mm, frame.time_s, frame.name, flags)
+        return replace(found_map, colour_change=change, untouched_std_mm=free_mm)
+
+
+class BatchReader:
+    """Reads batches of frames by one `reconstructor` on one `device`; what both determine is prepared once.
+
+    Not for several threads.
+    """
+
+    def __init__(self, reconstructor: Reconstructor, device: str = "auto") -> None:
+        self.reconstructor, self.may_change = reconstructor, device == "auto"
+        self.device, self.chunk = find_device(device), 1
+        self.recorded: Recorded[Found] | None = None
+        if self.device != HOST and Steps.serve(reconstructor):
+            self._record(Steps(reconstructor, self.device), CHUNK)
+
+    def _record(self, steps: Steps, count: int) -> None:
+        """Record the steps on batches of `count` frames."""
+        sensor = self.reconstructor.sensor
+        shape, self.steps, self.chunk = (sensor.height_px, sensor.width_px), steps, count
+        with torch.inference_mode():
+            self.recorded = Recorded(
+                steps, device=self.device, count=count, shape=shape, maps=sensor.rectification
+            )
 
     def read(self, frames: Iterable[Frame | Bytes]) -> HeightMaps:
         """Return the height maps of raw frames. Raises as `reconstruct_batch`."""
@@ -176,32 +204,35 @@ class BatchReader:
                 remedy = "End other programs on it, or use cpu."
                 raise InputError(what, where="device", value=self.device, remedy=remedy) from fault
             logging.getLogger(__name__).warning("%s: the processor goes on", what)
-            self._prepare(HOST)
+            self.device, self.chunk, self.recorded = HOST, 1, None
         return self._read(given)
 
     def _read(self, frames: Sequence[Frame]) -> HeightMaps:
         sensor = self.reconstructor.sensor
         depth: Picture = np.empty((len(frames), sensor.height_px, sensor.width_px), np.float32)
-        maps: list[HeightMap | InputError | None] = [None] * len(frames)
+        maps: dict[int, HeightMap | InputError] = {}
         size = frames[0].rgb.shape if frames else ()
-        batched = [k for k, one in enumerate(frames) if self.usable and one.rgb.shape == size]
+        batched = [k for k, one in enumerate(frames) if self.recorded and one.rgb.shape == size]
         with torch.inference_mode(), ThreadPoolExecutor(os.cpu_count()) as pool:
-            act = map if self.device == HOST else pool.map
-            for numbers, rectified, found in self._found(frames, batched):
+            act = map if self.recorded is None else pool.map
+            for numbers, found in self._found(frames, batched):
                 found = each(Tensor.numpy, found)
                 depth[numbers] = found.depth[: len(numbers)]
-                parts = [frames[k] for k in numbers], [depth[k] for k in numbers], rectified
-                for number, one in zip(numbers, act(partial(self._map, found), count(), *parts), strict=True):
-                    maps[number] = one
-            alone = [k for k, one in enumerate(maps) if one is None]
+                tasks = [(frames[n], depth[n], found, k) for k, n in enumerate(numbers)]
+                maps.update(zip(numbers, act(self._map, *zip(*tasks, strict=True)), strict=True))
+            alone = [k for k in range(len(frames)) if k not in maps]
             given = [frames[k] for k in alone], [depth[k] for k in alone]
-            for number, one in zip(alone, act(self._alone, *given), strict=True):
-                maps[number] = one
-        return HeightMaps(depth, tuple(one for one in maps if one is not None))
+            maps.update(zip(alone, act(self._map, *given), strict=True))
+        return HeightMaps(depth, tuple(maps[k] for k in range(len(frames))))
 
-    def _alone(self, frame: Frame, own: Picture) -> HeightMap | InputError:
-        """Return the frame path's map, written to `own` (H, W) as well, or its error."""
+    def _map(self, frame: Frame, own: Picture, found: Found | None = None, k: int = 0) -> HeightMap | InputError:
+        """Return a frame's map, or its error, and write its depth to `own` (H, W).
+
+        It is the k-th of what a batch `found`, unless it is to be read by the frame path.
+        """
         try:
+            if found is not None and not found.odd[k]:
+                return self.steps.height_map(found, k, frame, own)
             height = self.reconstructor.height_map(frame)
         except InputError as fault:
             own[...] = np.nan
@@ -209,124 +240,12 @@ class BatchReader:
         own[...] = height.depth_mm
         return height
 
-    def _map(self, found: Found, k: int, frame: Frame, own: Picture, rgb: Bytes | None) -> HeightMap | InputError:
-        """Return the map of the k-th frame of a batch, whose depth (H, W) is `own`; `rgb` rectified, or None."""
-        if found.odd[k]:
-            return self._alone(frame, own)
-        zero, drift = found.planes.of(k), found.drifts.of(k)
-        seen = FrameChange(self.method.change, frame.rgb if rgb is None else rgb, drift, None, self.valid)
-        flags = self.reconstructor.match.flags(seen, zero) if self.reconstructor.match else ()
-        if max(-float(found.lowest[k]), float(found.highest[k])) < MIN_CHECKED_MM:
-            std, scale = found.std[k].copy(), self.reconstructor.sensor.mm_per_px
-            return HeightMap(
-                own,
-                self.valid,
-                scale,
-                std,
-                frame.time_s,
-                frame.name,
-                flags,
-                colour_change=drift.normalised_residual,
-                untouched_std_mm=self.error.untouched_std_mm,
-            )
-        if rgb is None:
-            seen = replace(seen, rgb=self.reconstructor.rectified(frame))
-        surface = Surface(own, zero, (), SlopeReading((), (), self.valid, seen, 0.0))
-        try:
-            return self.reconstructor.assessed(surface, time_s=frame.time_s, name=frame.name).height
-        except InputError as fault:
-            own[...] = np.nan
-            return fault
-
-    def _found(
-        self, frames: Sequence[Frame], batched: Sequence[int]
-    ) -> Iterator[tuple[list[int], Iterable[Bytes | None], Found]]:
-        """Yield numbers of frames, their rectified pictures where the processor made them, and what they gave."""
-        left, waiting = iter(batched), None
-        while numbers := list(islice(left, self.chunk)):
-            if self.recorded is None:
-                rgbs = [self.reconstructor.rectified(frames[k]) for k in numbers]
-                sound, found = self._on_host(rgbs)
-                if found is not None:
-                    yield [numbers[k] for k in sound], [rgbs[k] for k in sound], found
-                continue
-            begun = self.recorded.begin([frames[k].rgb for k in numbers])
+    def _found(self, frames: Sequence[Frame], batched: Sequence[int]) -> Iterator[tuple[list[int], Found]]:
+        """Yield numbers of frames and what they gave; the next batch is under way meanwhile."""
+        waiting: tuple[list[int], int] | None = None
+        while self.recorded is not None and (batched or waiting):
+            numbers, batched = list(batched[: self.chunk]), batched[self.chunk :]
+            begun = (numbers, self.recorded.begin([frames[k].rgb for k in numbers])) if numbers else None
             if waiting is not None:
-                yield waiting[0], repeat(None), self.recorded.end(waiting[1])
-            waiting = numbers, begun
-        if waiting is not None:
-            assert self.recorded is not None
-            yield waiting[0], repeat(None), self.recorded.end(waiting[1])
-
-    def _on_host(self, rgbs: Sequence[Bytes]) -> tuple[list[int], Found | None]:
-        """Return which of the rectified pictures are read on the processor at once, and what they give."""
-        tiles = torch.from_numpy(np.stack([means(rgb, self.px) for rgb in rgbs]))
-        greys = torch.from_numpy(np.stack(rgbs)).permute(0, 3, 1, 2).float() if self.fine else None
-        drifts, slopes, odd = self._slopes(tiles, greys)
-        sound = ~odd & torch.tensor([self._sound(rgb) for rgb in rgbs])
-        numbers: list[int] = sound.nonzero()[:, 0].tolist()
-        if not numbers:
-            return numbers, None
-        return numbers, self._surfaces(each(lambda one: one[sound], drifts), slopes[sound], odd[sound])
-
-    def _sound(self, rgb: Bytes) -> bool:
-        """Return whether no colour of a rectified picture is overexposed, and no readable pixel dark."""
-        change = self.method.change
-        if change.find_missing(rgb) is not None:
-            return False
-        return not (change.in_shadow(rgb, None) and (brightest(rgb)[self.valid] <= change.darkest).any())
-
-    def _on_device(self, greys: Tensor) -> Found:
-        """Return what rectified pictures (B, 3, H, W) give, all steps on their device."""
-        dark = (greys.amax(1) <= self.method.change.darkest) & self.sound
-        odd = (greys.amax((1, 2, 3)) >= SATURATED) | dark.any(2).any(1) | self.over
-        drifts, slopes, more = self._slopes(functional.avg_pool2d(greys, self.px), greys)
-        return self._surfaces(drifts, slopes, odd | more)
-
-    def _slopes(self, tiles: Tensor, greys: Tensor | None) -> tuple[Drifts, Tensor, Tensor]:
-        """Return drifts, slopes (B, 2, h, w) and which frames (B,) need the frame path.
-
-        Of frames in means (B, 3, h, w) and, to read steeper places pixel by pixel, in pixels (B, 3, H, W).
-        """
-        drifts = self.drift.measure(tiles)
-        slopes = self.means.slopes(unmixed(tiles, drifts, self.drift.power), drifts.gains)
-        blocks = active_blocks(slopes, self.tiled, self.threshold, self.per_noise)
-        odd = drifts.odd
-        if greys is None:
-            odd = odd | blocks.any(2).any(1)
-        else:
-            fine = self.pixels.slopes(unmixed(greys, drifts, self.drift.power), drifts.gains)
-            inside = window_mask(blocks, self.tiled)
-            slopes = torch.where(inside[:, None], fine, self._in_pixels(slopes))
-        return drifts, slopes, odd | ~(slopes.square().sum(1).amax((1, 2)).sqrt() < self.limit)
-
-    def _surfaces(self, drifts: Drifts, slopes: Tensor, odd: Tensor) -> Found:
-        """Return what frames give by their drifts and slopes."""
-        depth = self.poisson.integrate(slopes)
-        planes = self.plane.find(depth, drifts.untouched)
-        depth = self.plane.level(depth, planes)
-        if not self.fine and self.grids is not None:
-            depth = torch.from_numpy(np.stack([self.grids.whole(one, (), fine=()) for one in depth.numpy()]))
-        lowest, highest = depth.amin((1, 2)), depth.amax((1, 2))
-        return Found(depth, self._std(depth, planes, drifts), lowest, highest, odd | planes.odd, planes, drifts)
-
-    def _in_pixels(self, slopes: Tensor) -> Tensor:
-        """Return slopes of means interpolated to pixels (B, 2, H, W), the last ones continued to the border."""
-        height, width = self.tiled.shape
-        whole = functional.interpolate(slopes, scale_factor=self.px, mode="bilinear", align_corners=False)
-        return functional.pad(whole, (0, width - whole.shape[3], 0, height - whole.shape[2]), mode="replicate")
-
-    def _std(self, depth: Tensor, planes: Planes, drifts: Drifts) -> Tensor:
-        """Return the deviation (B, h, w) mm on the grid of `DepthError`, of maps without special terms."""
-        few = depth[:, :: self.error.every, :: self.error.every]
-        x, y = (torch.linspace(-1, 1, n, device=depth.device).square() for n in few.shape[:0:-1])
-        offset, along_x, along_y = planes.std_mm.float().square()[:, :, None, None].unbind(1)
-        total: Tensor = (
-            self.gain_square * few.square() + self.free_mm2 + (x * along_x + offset) + y[:, None] * along_y
-        )
-        if self.device != HOST or drifts.drifted.any():
-            depths = self.drift_depths - (self.drift_depths @ planes.takes.double().mT) @ self.drift_terms
-            light = (depths * (drifts.covariance @ depths)).sum(1).float().view(len(depth), 1, *self.drift.shape)
-            light = functional.interpolate(light, size=few.shape[1:], mode="bilinear", align_corners=False)[:, 0]
-            total = total + light
-        return total.sqrt()
+                yield waiting[0], self.recorded.end(waiting[1])
+            waiting = begun

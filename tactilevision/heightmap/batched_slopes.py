@@ -10,14 +10,15 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from tactilevision.photometric.batched_drift import Drifts, ascending, grown, shrunk
-from tactilevision.photometric.colour_change import STRIP_PX, ChangeMaps
+from tactilevision.photometric.batched_drift import Drifts, grown, shrunk
+from tactilevision.photometric.colour_change import ChangeMaps
 from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.method import MAX_WINDOW_SHARE, SCATTER_SIGMA, STRIDE, TiledEvaluator
 from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.methods.polynomial import LOW, MAX_ORDER, PolynomialEvaluator
 from tactilevision.photometric.protocols import Evaluator
 from tactilevision.records.measured import Picture
+from tactilevision.robust import median
 
 PARTS = 32  # of a pixel, to which OpenCV rounds maps in fixed point
 
@@ -76,7 +77,8 @@ def _polynomial(evaluate: PolynomialEvaluator, on: Callable[[Any], Tensor]) -> L
     low, high, x = on(evaluate.per_row[:, :LOW]), on(evaluate.per_row[:, LOW:, :3]), on(evaluate.x)
     bound = float(evaluate.bound)
 
-    def strip(rows: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    def slopes(change: Tensor) -> Tensor:
+        rows = change.permute(2, 1, 0, 3)  # one product a row of the picture, of all frames
         products = rows.new_empty((len(rows), evaluate.products, *rows.shape[2:]))
         products[:, :3] = rows
         for first, below, above in evaluate.raised:
@@ -86,14 +88,7 @@ def _polynomial(evaluate: PolynomialEvaluator, on: Callable[[Any], Tensor]) -> L
         found = sums[:, MAX_ORDER]
         for i in reversed(range(MAX_ORDER)):
             found = torch.addcmul(sums[:, i], found, x)
-        return found.clamp(-bound, bound)
-
-    def slopes(change: Tensor) -> Tensor:
-        rows = change.permute(2, 1, 0, 3)  # one product a row of the picture, of all frames
-        step = len(rows) if change.device.type != "cpu" else max(1, STRIP_PX // rows[0, 0].numel())
-        return torch.cat(list(map(strip, *(torch.split(one, step) for one in (rows, low, high))))).permute(
-            2, 1, 0, 3
-        )
+        return found.clamp(-bound, bound).permute(2, 1, 0, 3)
 
     return slopes
 
@@ -117,8 +112,6 @@ LAWS: dict[type[Evaluator], Callable[[Any, Callable[[Any], Tensor]], Law]] = {
 
 def unmixed(greys: Tensor, drifts: Drifts, power: int) -> Tensor:
     """Return grey levels (B, 3, h, w) with the light's mixing corrected, as `drift.undo_drift`."""
-    if greys.device.type == "cpu" and not drifts.mixed.any():
-        return greys
     light, undo = greys.flatten(2), drifts.undo.float()
     linear = undo[..., :3] @ (light if power == 1 else light.square()) + undo[..., 3:]
     return torch.as_tensor(linear if power == 1 else linear.clamp(min=0.0).sqrt()).view(greys.shape)
@@ -135,8 +128,7 @@ def active_blocks(slopes: Tensor, tiled: TiledEvaluator, threshold: Tensor, per_
     near = near[..., :-2] + near[..., 1:-1] + near[..., 2:]
     near = (near[..., :-2, :] + near[..., 1:-1, :] + near[..., 2:, :]) / 9.0
     scatter = (near[:, 2:] - near[:, :2].square()).sum(1) * per_noise
-    sample = ascending(scatter[:, ::STRIDE, ::STRIDE].flatten(1))
-    typical = 0.5 * (sample[:, (sample.shape[1] - 1) // 2] + sample[:, sample.shape[1] // 2])
+    typical = median(scatter[:, ::STRIDE, ::STRIDE].flatten(1))
     active = steep | (scatter > SCATTER_SIGMA**2 * typical.clamp(min=1.0)[:, None, None])
     (height, width), block = tiled.padded, tiled.block
     whole = functional.pad(active, (0, width - active.shape[2], 0, height - active.shape[1]))

@@ -1,12 +1,4 @@
-"""Integrate slopes of many frames at once, and fit their zero planes, in torch: as `poisson.py`, `zero_plane.py`.
-
-The cosine transform of a line x of N numbers is a Fourier transform V of as many,
-
-    X_k = Re(exp(-i pi k/2N) V_k)     V: transform of x_0 x_2 x_4 ... x_5 x_3 x_1
-    V_k = exp(i pi k/2N) (X_k - i X_(N-k))     X_N = 0, and back
-
-Source: Makhoul, A fast cosine transform in one and two dimensions, IEEE Trans. ASSP 28 (1980).
-"""
+"""Integrate slopes of many frames at once, and fit zero planes, in torch: as `poisson.py` and `zero_plane.py`."""
 
 from __future__ import annotations
 
@@ -15,56 +7,45 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import torch
+from scipy import fft
 from torch import Tensor
 from torch.nn import functional
 
 from tactilevision.heightmap import zero_plane as one
-from tactilevision.heightmap.poisson import inverse_eigenvalues
-from tactilevision.heightmap.zero_plane import ZeroPlane, plane_terms
-from tactilevision.photometric.batched_drift import Batched, ascending, chosen, distance, inverse, masked_median
+from tactilevision.heightmap.poisson import edge_divergence, inverse_eigenvalues
+from tactilevision.heightmap.zero_plane import ZeroPlane, decay_of, plane_terms
+from tactilevision.photometric.batched_drift import Batched, chosen
+from tactilevision.photometric.drift import inverse
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, ascending, take
 
 ROUNDS = 12  # rounds of `components`: twice what random masks of these sizes take
 
 
 class BatchedPoisson:
-    """Solve Poisson's equation for slopes of one size (H, W) and scale, as `poisson.integrate`."""
+    """Solve Poisson's equation for slopes of one size (H, W) and scale, as `poisson.integrate`.
+
+    By products with matrices: C of the cosine transform of a line, and D of its divergence, as the frame path's.
+    """
 
     def __init__(self, shape: tuple[int, int], mm_per_px: Pair, device: str) -> None:
-        self.half = 0.5 / mm_per_px[0], 0.5 / mm_per_px[1]
-        self.inverse = torch.as_tensor(inverse_eigenvalues(shape, mm_per_px, "f"), device=device)
-        self.turns = [torch.exp(0.5j * torch.pi * torch.arange(n, device=device) / n) for n in shape]
-        orders = [torch.cat([torch.arange(0, n, 2), torch.arange(1, n, 2).flip(0)]).to(device) for n in shape]
-        self.orders = [(order, order.argsort()) for order in orders]
+        def on(values: Any) -> Tensor:
+            return torch.as_tensor(np.array(values, np.float32), device=device)
+
+        waves = [fft.dct(np.eye(n), norm="ortho", axis=0) for n in shape]
+        steps = mm_per_px[::-1], mm_per_px
+        turned = [
+            edge_divergence(np.eye(n), np.zeros((n, n)), step) @ wave.T
+            for n, step, wave in zip(shape, steps, waves, strict=True)
+        ]
+        (self.down, self.across), (self.fall_down, self.fall_across) = map(on, waves), map(on, turned)
+        self.inverse = on(inverse_eigenvalues(shape, mm_per_px, "f"))
 
     def integrate(self, slopes: Tensor) -> Tensor:
         """Return depth (B, H, W) mm, mean 0, of slopes (B, 2, H, W) that are all known."""
-        p, q = slopes[:, 0] * self.half[0], slopes[:, 1] * self.half[1]
-        across, down = p[..., 1:] + p[..., :-1], q[:, 1:] + q[:, :-1]
-        right = functional.pad(across, (0, 1)) - functional.pad(across, (1, 0))
-        right = right + functional.pad(down, (0, 0, 0, 1)) - functional.pad(down, (0, 0, 1, 0))
-        return self.solve(right)
-
-    def solve(self, right: Tensor) -> Tensor:
-        """Return the depth (B, H, W) of mean 0 whose 5-point Laplacian is `right` (B, H, W), which sums to 0."""
-        modes = self._transform(self._transform(right, 1).mT, 0).mT * self.inverse
-        return self._back(self._back(modes.mT, 0).mT, 1)
-
-    def _transform(self, lines: Tensor, axis: int) -> Tensor:
-        """Return the cosine transform along the last axis, that of a picture's `axis`."""
-        count, turn = lines.shape[-1], self.turns[axis]
-        half = torch.fft.rfft(lines[..., self.orders[axis][0]]) * turn[: count // 2 + 1].conj()
-        return torch.cat([half.real, -half.imag[..., 1 : (count + 1) // 2].flip(-1)], -1)
-
-    def _back(self, modes: Tensor, axis: int) -> Tensor:
-        """Return the lines of a transform."""
-        count = modes.shape[-1]
-        mirrored = functional.pad(modes[..., 1:].flip(-1), (1, 0))[..., : count // 2 + 1]
-        half = torch.complex(modes[..., : count // 2 + 1], -mirrored) * self.turns[axis][: count // 2 + 1]
-        lines: Tensor = torch.fft.irfft(half, n=count)
-        return lines[..., self.orders[axis][1]]
+        modes = self.down @ (slopes[:, 0] @ self.fall_across) + (self.fall_down.T @ slopes[:, 1]) @ self.across.T
+        return self.down.T @ (modes * self.inverse) @ self.across
 
 
 def components(mask: Tensor) -> Tensor:
@@ -108,7 +89,7 @@ class BatchedPlane:
     """Fit the zero planes of depths (B, h, w) with untouched blocks (B, rows, columns), as `find_zero_plane`."""
 
     def __init__(
-        self, shape: tuple[int, int], trusted: Bools, *, mm_per_px: Pair, thickness_mm: float | None, device: str
+        self, shape: tuple[int, int], trusted: Bools, mm_per_px: Pair, *, thickness_mm: float | None, device: str
     ) -> None:
         def on(values: Any) -> Tensor:
             return torch.as_tensor(np.array(values), device=device)
@@ -116,14 +97,11 @@ class BatchedPlane:
         self.shape, blocks = shape, trusted.shape
         self.down, self.across = (on(_shares(n, few)) for n, few in zip(shape, blocks, strict=True))
         self.trusted, self.plane, self.stiff = on(trusted), on(plane_terms(shape, blocks)), on(one.STIFFENING)
-        block_mm = 0.5 * (shape[1] * mm_per_px[0] / blocks[1] + shape[0] * mm_per_px[1] / blocks[0])
-        self.decay = block_mm / (one.DECAY_PER_THICKNESS * (thickness_mm or one.USUAL_THICKNESS_MM))
-        self.decay_std = one.DECAY_STD if thickness_mm else float(np.hypot(one.DECAY_STD, one.THICKNESS_STD))
+        self.decay, self.decay_std = decay_of(shape, blocks, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
         border = torch.ones(blocks, dtype=torch.bool, device=device)
         border[1:-1, 1:-1] = False
         self.border = border.flatten().float()
         self.x, self.y = (torch.linspace(-1, 1, n, device=device) for n in shape[::-1])
-        self.recorded = device != "cpu"
 
     def find(self, depth: Tensor, untouched: Tensor) -> Planes:
         """Return the zero planes of depths."""
@@ -132,11 +110,9 @@ class BatchedPlane:
         flat = (gel & self.trusted).flatten(1)
         count = flat.sum(1)
         odd = (count < one.MIN_BLOCKS) | (3 * count < 2 * flat.shape[1])
-        away = (distance(gel) * self.decay).double().flatten(1)
-        near = torch.exp(-away) * ~gel.all(2).all(1)[:, None]
-        rises = self._dented(blocks, gel.flatten(1), flat)
-        near = near * rises[:, None]
-        terms = torch.cat([self.plane.expand(len(near), -1, -1), torch.stack([near, away * near], 1)], 1)
+        rises = one.has_dent(blocks, gel.flatten(1), flat, self.plane)
+        terms = one.with_rise(self.plane, gel, self.decay)
+        terms[:, 3:] *= rises[:, None, None]
         solution, std, takes = self._reweighted(terms, blocks, flat, rises)
         return Planes(solution[:, :3], std[:, :3], count / flat.shape[1], takes[:, :3].float(), odd)
 
@@ -148,8 +124,6 @@ class BatchedPlane:
 
     def _outer_gel(self, untouched: Tensor, depth: Tensor) -> Tensor:
         """Return the untouched blocks (B, rows, columns) around all contacts, as `zero_plane._outer_gel`."""
-        if not self.recorded and untouched.all():
-            return untouched
         labels = components(untouched)
         none = depth.new_zeros((len(depth), depth.shape[1] + 1))
         size = none.scatter_add(1, labels, torch.ones_like(depth))
@@ -164,15 +138,6 @@ class BatchedPlane:
         ).unsqueeze(1)
         of = torch.where(lower & (large.sum(1, keepdim=True) > 1), highest, largest)
         return ((labels == of) & (labels > 0)).view(untouched.shape)
-
-    def _dented(self, depth: Tensor, gel: Tensor, flat: Tensor) -> Tensor:
-        """Return which maps (B,) have a dent outside the gel, as `zero_plane._dented`."""
-        weighted = self.plane * flat[:, None]
-        normal = (weighted @ self.plane.T) * self.stiff[:3, :3]
-        plane = (inverse(normal)[0] @ (weighted @ depth[..., None]))[..., 0]
-        off = depth - plane @ self.plane
-        limit = one.DENTED * MAD_TO_STD * masked_median(off.abs(), flat)
-        return off.masked_fill(gel, -torch.inf).amax(1) > limit
 
     def _reweighted(
         self, terms: Tensor, depth: Tensor, flat: Tensor, rises: Tensor
@@ -193,13 +158,11 @@ class BatchedPlane:
             found = (inverted @ sums[..., -1:])[..., 0]
             square = ((found[:, None] @ terms)[:, 0] - depth).square()
             square = square.masked_fill(~flat, torch.inf)
-            scale = MAD_TO_STD * ascending(square).gather(1, count // 2).sqrt() + TINY
+            scale = MAD_TO_STD * take(ascending(square), count // 2).sqrt() + TINY
             state = [found, scale, inverted]
             moved = (found - solution)[:, :3].abs().amax(1) >= one.CONVERGENCE_TOL * scale[:, 0]
             kept = [chosen(live, *pair) for pair in zip(state, kept, strict=True)] if kept else state
             solution, live = kept[0], live & moved
-            if not self.recorded and not live.any():
-                break
             spread = self.decay_std * found[:, -2].abs() + scale[:, 0] * one.MIN_RISE
             prior = correlated[:, 0] * (scale[:, 0] / spread).square()
             bounded = terms / (1.0 + square / (3.0 * scale).square()).square()[:, None]

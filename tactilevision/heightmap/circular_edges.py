@@ -11,7 +11,7 @@ import numpy as np
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, median
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
 #
@@ -237,7 +237,7 @@ def _harmonics(places: Floats, good: Bools) -> tuple[Floats, float, float]:
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
-    off = places - np.median(places)
+    off = places - median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(ROUNDS):
         before, weights = solution, geman_mcclure_weight(off, 2.0 * scale)

@@ -45,6 +45,7 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Bytes, Pair, Picture
+from tactilevision.robust import median
 
 CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: suppresses noise of single cells
@@ -129,7 +130,7 @@ class LightCheck:
         if share.any():
             np.minimum(share, 1.0, out=share)
             depth = integrate_small(slopes * share, self.cell_mm)
-            depth -= np.median(depth)
+            depth -= median(depth.ravel())
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
@@ -173,9 +174,9 @@ class LightCheck:
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
-        light: Picture = np.ones_like(change)
-        for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
-            light += answer * (p[i] * q[j])
+        i, j = np.array(SLOPE_POWERS).T
+        light = np.einsum("kchw,khw->chw", self.answers, p[i] * q[j])
+        light += 1.0
         light /= np.sqrt(1.0 + p[2] + q[2])
         return np.stack([self._mean(plane) for plane in change + 1.0 - light])
 

@@ -59,7 +59,9 @@ class TearCheck:
             return self.row_below(self.means(frame.changes / frame.reference.maps.scale))
         if self.before is None or self.before[0] is not before:
             self.before = before, self.means(before.rgb.transpose(2, 0, 1))
-        return self.row_below(self.frame_means(frame.rgb) - self.before[1])
+        change = self.frame_means(frame.rgb)
+        change -= self.before[1]
+        return self.row_below(change)
 
     def means(self, planes: Picture) -> Picture:
         """Return the means (3, rows, ACROSS) of a rectified picture (3, H, W) in rows of the raw one."""
@@ -70,14 +72,19 @@ class TearCheck:
         """Return `means` of a frame (H, W, 3), all colours of a pixel in one number of 64 bits."""
         lanes = cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA).astype(np.uint16).view(np.uint64)
         sums = (self.sums @ lanes.ravel()).view(np.uint16).reshape(-1, ACROSS, 4)
-        return np.asarray(np.ascontiguousarray(sums.transpose(2, 0, 1))[:3] / self.count)
+        return np.asarray(np.divide(sums.transpose(2, 0, 1)[:3], self.count, order="C"))
 
     def row_below(self, change: Picture) -> int | None:
         """Return the first row below a tear by the change (3, rows, ACROSS) of the means since the reference."""
-        planes = np.concatenate([change, change.mean(axis=0, keepdims=True)])  # the colours, and their mean
-        steps = (planes[:, 1:] - planes[:, :-1]) * self.seen
-        bend = steps[:, 1:-1] - 0.5 * (steps[:, :-2] + steps[:, 2:])
-        squares = np.einsum("crb,crb->cr", bend, bend) / ACROSS
+        planes: Picture = np.empty((4, *change.shape[1:]), np.float32)  # the colours, and their mean
+        planes[:3], planes[3] = change, (change[0] + change[1] + change[2]) / 3
+        steps = planes[:, 1:] - planes[:, :-1]
+        steps *= self.seen
+        bend = steps[:, :-2] + steps[:, 2:]
+        bend *= -0.5
+        bend += steps[:, 1:-1]
+        bend *= bend
+        squares = bend @ np.full(ACROSS, 1 / ACROSS, np.float32)
         size = np.sqrt([squares[:3].mean(axis=0), squares[3]])
         of_block = np.arange(2, size.shape[1] + 2) % BLOCK == 0
         usual = [_middle(size[:, one]) for one in (of_block, ~of_block)]

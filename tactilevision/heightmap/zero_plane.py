@@ -18,16 +18,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 
-from tactilevision.photometric.drift import block_means, blocks_of, distance_px
+from tactilevision.photometric.drift import block_means, blocks_of, distance_px, inverse
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, masked_median, namespace
 
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
@@ -84,20 +85,20 @@ def find_zero_plane(
     count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
-    terms = _terms(gel, depth.shape, mm_per_px, thickness_mm)
-    tilts = [1, 2]
+    decay, decay_std = decay_of(depth.shape, gel.shape, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
+    terms = plane_terms(depth.shape, gel.shape)
+    if rises := not gel.all() and bool(has_dent(blocks, gel.ravel(), flat, terms)):
+        terms = with_rise(terms, gel, decay)
+    used = list(range(len(terms)))
     if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
-        tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
-    used = [0, *tilts, *((3, 4) if _dented(blocks, gel.ravel(), flat, terms[:3]) else ())]
-    decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, stds, inverse = _reweighted_fit(
-        terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
+        used = [k for k in used if k not in (1, 2) or np.ptp(terms[k, flat]) > 1.0]
+    full, std, takes = np.zeros(5), np.zeros(5), np.zeros((5, len(flat)), np.float32)
+    full[used], std[used], takes[used] = _reweighted_fit(
+        terms if len(used) == len(terms) else terms[used], blocks, flat, rises=rises, decay_std=decay_std
     )
-    full, std, takes = np.zeros(5), np.zeros(5), np.zeros((3, len(flat)), np.float32)
-    full[used], std[used], takes[[0, *tilts]] = solution, stds, inverse[: 1 + len(tilts)]
     offset, *tilt = full[:3].tolist()
     std_mm, *tilt_std = std[:3].tolist()
-    return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes, (tilt_std[0], tilt_std[1]))
+    return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes[:3], (tilt_std[0], tilt_std[1]))
 
 
 def level(depth: Array, zero: ZeroPlane) -> None:
@@ -170,30 +171,34 @@ def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
     return np.asarray(labels == chosen)
 
 
-def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
-    """Return whether a block of the `depth` (n,) outside the `gel` lies significantly deeper under a `plane` (3,
-    n) than
-    the `flat` blocks scatter: blocks that differ only in colour are no contact that gel would rise around.
+def has_dent(depth: Any, gel: Any, flat: Any, plane: Any) -> Any:
+    """Return whether (...) a block of the `depth` (..., n) outside the `gel` lies significantly deeper under a
+    `plane` (3, n) than the `flat` blocks scatter: blocks that differ only in colour are no contact that gel would
+    rise around. Of arrays or tensors, as the next two.
     """
-    if gel.all():
-        return False
-    normal = (plane * flat) @ plane.T
-    off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
-    return bool(off[~gel].max() > DENTED * (MAD_TO_STD * np.median(np.abs(off[flat]))))
+    xp, weighted = namespace(depth), plane * flat[..., None, :]
+    stiffening = 1.0 + ROUNDING * xp.eye(3, dtype=depth.dtype, device=depth.device)
+    inverted, _ = inverse((weighted @ plane.T) * stiffening)
+    off = depth - (inverted @ (weighted @ depth[..., None]))[..., 0] @ plane
+    limit = DENTED * MAD_TO_STD * masked_median(abs(off), flat)
+    return xp.amax(xp.where(gel, -np.inf, off), -1) > limit
 
 
-def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
-    """Return terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 without a contact."""
-    rows, columns = untouched.shape
-    terms = np.zeros((5, rows * columns))
-    terms[:3] = plane_terms(shape, untouched.shape)
-    if not untouched.all():
-        block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        distance = distance_px(untouched).ravel()
-        distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
-        np.exp(-distance, out=terms[3])
-        np.multiply(distance, terms[3], out=terms[4])
-    return terms
+def with_rise(plane: Any, gel: Any, decay: float) -> Any:
+    """Return terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (..., 5, blocks), d away from `gel` (..., h, w)."""
+    xp, before = namespace(gel), gel.shape[:-2]
+    away = (distance_px(gel) * decay).reshape(*before, 1, -1)
+    near, plane = xp.exp(-away), xp.broadcast_to(plane, (*before, *plane.shape)) if before else plane
+    return xp.concatenate([plane, near, away * near], -2)
+
+
+def decay_of(
+    shape: tuple[int, ...], blocks: tuple[int, ...], *, mm_per_px: Pair, thickness_mm: float | None
+) -> Pair:
+    """Return the side of a block of a picture of `shape` in units of L, and the prior deviation of e."""
+    block_mm = 0.5 * (shape[1] * mm_per_px[0] / blocks[1] + shape[0] * mm_per_px[1] / blocks[0])
+    std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
+    return block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)), std
 
 
 def _reweighted_fit(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,7 +16,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records.constants import TINY
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.measured import Bools, Bytes, Floats, Picture
-from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust import MAD_TO_STD, ascending, masked_median, median, namespace
 
 # Means over several pixels.
 
@@ -61,15 +61,24 @@ def shares(count: int, blocks: int) -> Picture:
 # alignment. Squared distances in pixels are integers, so they are rounded before numpy's square root.
 
 
-def distance_px(inside: Bools) -> Picture:
-    """Return the distance (H, W) in px of each place inside the mask (H, W) to the nearest one outside; 0 outside.
+@singledispatch
+def distance_px(inside: Any) -> Any:
+    """Return the distance (..., H, W) in px of each place inside the mask to the nearest one outside; 0 outside.
 
-    float32, for masks of less than 2896 px across (squares to 2^24).
+    float32, for masks (H, W) of less than 2896 px across (squares to 2^24), or tensors (B, H, W).
     """
     distance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     distance *= distance
     np.rint(distance, out=distance)
     return np.asarray(np.sqrt(distance, out=distance), np.float32)
+
+
+@singledispatch
+def inverse(matrix: Any, *, log: bool = False) -> tuple[Any, Any]:
+    """Return the inverses of matrices (..., n, n) that need no pivots, and, for `log`, the logarithms (...) of
+    their determinants.
+    """
+    return np.linalg.inv(matrix), np.linalg.slogdet(matrix)[1] if log else None
 
 
 # Bayesian model of the drift of the light, given which blocks of a frame are untouched.
@@ -118,93 +127,117 @@ CORRELATED_NOISE = 6  # blocks with correlated noise; more widen the covariance 
 SLOPE_SHARE = 0.4  # of the slopes under a contact, just outside it
 GUESSED_SHARE = 0.04  # of the colour changes under a contact, where J is unknown
 TERMS = 6  # g_0, g_x, g_y, b, m, m
-CHANNELS = np.arange(3)
-COMMON_PLACES = [TERMS * c for c in range(3)]  # indices of g_0
 OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
 MIN_NOISE = 0.05  # of the assumed noise of a block
 
 
-def likely_slopes(change: Floats, answers: Floats, *, touched: Bools) -> Floats:
-    """Return the change (3, k, blocks) of the channels for a slope of one standard deviation.
+# Formulas are of arrays, or of tensors with a leading axis of B frames (`batched_drift.py`).
 
-    `answers` (3, k, blocks) are the changes for slopes of 1 along x and y, or, for k = 3, of each channel alone.
-    The slopes under the contact, blocks `touched` (h, w), follow from the `change` (3, blocks) there.
+
+def likely_slopes(change: Any, answers: Any, *, touched: Any) -> Any:
+    """Return the change (..., 3, k, blocks) of the channels for a slope of one standard deviation.
+
+    `answers` (..., 3, k, blocks) are the changes for slopes of 1 along x and y, or, for k = 3, of each channel.
+    The slopes under the contact, blocks `touched` (..., h, w), follow from the `change` (..., 3, blocks) there.
     """
-    under = touched.ravel()
-    slope_rms = np.sqrt(
-        np.median(np.sum(change[:, under] ** 2, axis=0) / np.sum(answers[:, :, under] ** 2, axis=(0, 1)))
-    )
-    distance = distance_px(~touched).ravel()
-    fall = np.exp(distance * -np.sqrt(np.pi / np.count_nonzero(under)))
-    return np.asarray(answers * ((SLOPE_SHARE if answers.shape[1] == 2 else GUESSED_SHARE) * slope_rms * fall))
+    xp, under = namespace(change), touched.reshape(*change.shape[:-2], -1)
+    ratio = masked_median((change**2).sum(-2) / (answers**2).sum((-3, -2)), under)
+    slope_rms = xp.sqrt(xp.where(under.any(-1), ratio, 0.0))[..., None]
+    distance = distance_px(~touched).reshape(under.shape)
+    fall = xp.exp(-distance * xp.sqrt(np.pi / under.sum(-1).clip(1))[..., None])
+    share = SLOPE_SHARE if answers.shape[-2] == 2 else GUESSED_SHARE
+    return answers * (share * slope_rms * fall)[..., None, None, :]
 
 
-def noise_of(change: Floats, weights: Floats) -> float:
-    """Return the noise of blocks (3, h, w) relative to the assumed one, from second differences along the rows.
+def noise_of(change: Any, weights: Any) -> Any:
+    """Return the noise (...) of blocks (..., 3, h, w) relative to the assumed one, from second differences in
+    rows.
 
-    Blocks whose `weights` (h, w) are small do not count.
+    Blocks whose `weights` (..., h, w) are small do not count.
     """
-    bend = np.abs(change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2])[:, weights[:, 1:-1] > 0.5]
-    return max(MIN_NOISE, MAD_TO_STD / np.sqrt(6) * float(np.median(bend))) if bend.size else 1.0
+    xp = namespace(change)
+    bend = xp.abs(change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2])
+    counted = xp.broadcast_to(weights[..., None, :, 1:-1] > 0.5, bend.shape)
+    bend, counted = (values.reshape(*change.shape[:-3], -1) for values in (bend, counted))
+    found = (MAD_TO_STD / 6**0.5 * masked_median(bend, counted)).clip(MIN_NOISE)
+    return xp.where(counted.any(-1), found, 1.0)
+
+
+class Priors(NamedTuple):
+    """The kinds of drift (kinds, 7), logarithms of their weights (kinds,), and each channel's others (3, 2)."""
+
+    kinds: Any = DRIFT_KINDS
+    log_weights: Any = np.log(PRIOR_WEIGHTS)
+    others: Any = np.array(OTHERS)
 
 
 def drift_of(
-    change: Floats, weights: Floats, *, terms: Floats, slopes: Floats | None, gain: Floats, power: int
-) -> tuple[Floats, Floats]:
-    """Return g_0, g_x, g_y, b, m, m (3 channels, 6) and their covariance (18, 18).
+    change: Any, weights: Any, *, terms: Any, slopes: Any, gain: Any, power: int, priors: Priors | None = None
+) -> tuple[Any, Any]:
+    """Return g_0, g_x, g_y, b, m, m (..., 3 channels, 6) and their covariance (..., 18, 18).
 
-    `change` (3, blocks), the left side of the equation, `terms` (3, 6, blocks) and the changes `slopes` (3, k,
-    blocks) by likely slopes are in units of a block's noise; `weights` (blocks,). `gain` (3,): rough gain of the
-    light.
+    `change` (..., 3, blocks), the left side of the equation, `terms` (..., 3, 6, blocks) and the changes `slopes`
+    (..., 3, k, blocks) by likely slopes, or None, are in units of a block's noise; `weights` (..., blocks). `gain`
+    (..., 3): rough gain of the light.
     """
+    xp, priors = namespace(change), priors or Priors()
     normal, right = _normal(change, weights / CORRELATED_NOISE, terms, slopes)
-    expected, precision, log_of_spread = _expected(gain, power)
-    target = right + np.matmul(precision, expected[..., None])[..., 0]
-    precision += normal
-    spread = np.linalg.inv(precision)
-    solution = np.matmul(spread, target[..., None])[..., 0]
-    log_evidence = np.sum(target * solution, axis=1) - np.linalg.slogdet(precision)[1] - log_of_spread
-    probability = PRIOR_WEIGHTS * np.exp(0.5 * (log_evidence - log_evidence.max()))
-    probability /= probability.sum()
-    mean = probability @ solution
-    deviation = solution - mean
-    spread += deviation[:, :, None] * deviation[:, None, :]
-    return mean.reshape(3, TERMS), np.tensordot(probability, spread, axes=1)
+    expected, precision, log_of_spread = _expected(gain, power, priors)
+    target = right[..., None, :] + (precision @ expected[..., None])[..., 0]
+    spread, log_determinant = inverse(precision + normal[..., None, :, :], log=True)
+    solution = (spread @ target[..., None])[..., 0]
+    log_of = priors.log_weights + 0.5 * ((target * solution).sum(-1) - log_determinant - log_of_spread)
+    probability = xp.exp(log_of - xp.amax(log_of, -1)[..., None])
+    probability = (probability / probability.sum(-1)[..., None])[..., None]
+    mean = (probability * solution).sum(-2)
+    off = solution - mean[..., None, :]
+    spread = spread + off[..., None] * off[..., None, :]
+    return mean.reshape(*gain.shape, TERMS), (probability[..., None] * spread).sum(-3)
 
 
-def _normal(change: Floats, weights: Floats, terms: Floats, slopes: Floats | None) -> tuple[Floats, Floats]:
-    """Return the normal equations (18, 18) and their right side (18,) of all channels, slopes integrated out."""
-    trust = np.zeros((3, 3, len(weights)))
-    trust[CHANNELS, CHANNELS] = weights
-    for unit in () if slopes is None else slopes.transpose(1, 0, 2):
-        projection = np.sum(trust * unit, axis=1)
-        power = weights + np.sum(unit * projection, axis=0)
-        trust -= projection[:, None] * (projection / np.maximum(power, np.finfo(float).tiny))
-    weighted = (trust[:, :, None] * terms).reshape(3, 3 * TERMS, -1)
-    normal = np.matmul(terms, weighted.transpose(0, 2, 1)).reshape(3 * TERMS, 3 * TERMS)
-    return normal, np.matmul(terms, np.sum(trust * change, axis=1)[..., None]).ravel()
+def _normal(change: Any, weights: Any, terms: Any, slopes: Any) -> tuple[Any, Any]:
+    """Return the normal equations (..., 18, 18) and their right side (..., 18), slopes integrated out.
+
+    The trust of a block is diag(w) - sum_k v_k v_k' / p_k; its products are summed term by term.
+    """
+    xp, same = namespace(change), weights[..., None, :]
+    lost: list[tuple[Any, Any]] = []
+    wanted = same * change
+    for k in range(0 if slopes is None else slopes.shape[-2]):
+        unit = slopes[..., k, :]
+        pull = same * unit
+        for before, power in lost:
+            pull = pull - before * ((before * unit).sum(-2) / power)[..., None, :]
+        lost.append((pull, (weights + (unit * pull).sum(-2)).clip(TINY)))
+        wanted = wanted - pull * ((pull * change).sum(-2) / lost[-1][1])[..., None, :]
+    blocks = (terms * same[..., None, :]) @ terms.mT
+    channels = xp.eye(3, dtype=blocks.dtype, device=blocks.device)[:, None, :, None]
+    normal = (blocks[..., None, :] * channels).reshape(*weights.shape[:-1], 3 * TERMS, 3 * TERMS)
+    for pull, power in lost:
+        part = terms * (pull / xp.sqrt(power)[..., None, :])[..., None, :]
+        part = part.reshape(*weights.shape[:-1], 3 * TERMS, -1)
+        normal = normal - part @ part.mT
+    return normal, (terms @ wanted[..., None]).reshape(*weights.shape[:-1], -1)
 
 
-def _expected(gain: Floats, power: int) -> tuple[Floats, Floats, Floats]:
-    """Return the priors: means (kinds, 18), precisions (kinds, 18, 18), log terms of the evidence (kinds,)."""
-    common, spread = np.abs(gain), float(np.abs(gain - np.sort(gain)[1]).max())
-    stray, stray_std, gradient, mixture, mixture_std, uneven, separate = DRIFT_KINDS.T[:, :, None]
-    expected, std = np.zeros((2, len(DRIFT_KINDS), 3, TERMS))
-    gain_std = np.minimum(separate * float(common.max()) + MIN_STD, COMMON_STD)
-    std[..., 0] = gain_std / power
-    std[..., 1:3] = ((gradient * common + uneven * spread + MIN_STD) / power)[..., None]
-    expected[..., 3], std[..., 3] = -stray * gain, stray_std * common + MIN_STD
-    expected[..., 4:] = mixture[..., None] * (gain[np.array(OTHERS)] - gain[:, None])
-    std[..., 4:] = (mixture_std * spread + MIN_STD)[..., None]
-    expected, std = (values.reshape(len(DRIFT_KINDS), -1) for values in (expected, std))
-    precision, diagonal = np.zeros((len(DRIFT_KINDS), 3 * TERMS, 3 * TERMS)), np.arange(3 * TERMS)
-    precision[:, diagonal, diagonal] = std**-2
-    weight = std[:, 0] ** -2  # of a channel's own g_0; COMMON_STD is that of the shared g_0
+def _expected(gain: Any, power: int, priors: Priors) -> tuple[Any, Any, Any]:
+    """Return the priors: means (..., kinds, 18), precisions (..., kinds, 18, 18), log terms (..., kinds)."""
+    xp, each = namespace(gain), gain[..., None, :]
+    common, spread = xp.abs(each), xp.amax(xp.abs(gain - ascending(gain)[..., 1:2]), -1)[..., None, None]
+    stray, stray_std, gradient, mixture, mixture_std, uneven, separate = priors.kinds.T[:, :, None]
+    gain_std = (separate * xp.amax(common, -1)[..., None] + MIN_STD).clip(None, COMMON_STD) / power
+    plane = (gradient * common + uneven * spread + MIN_STD) / power
+    none, mixed = xp.zeros_like(plane), mixture_std * spread + MIN_STD
+    std = (none + gain_std, plane, plane, none + stray_std * common + MIN_STD, none + mixed, none + mixed)
+    mixing = mixture[..., None] * (gain[..., priors.others] - gain[..., None])[..., None, :, :]
+    expected = (none, none, none, none - stray * each, mixing[..., 0], mixing[..., 1])
+    std, expected = (xp.stack(one, -1).reshape(*none.shape[:-1], 3 * TERMS) for one in (std, expected))
+    precision = xp.eye(3 * TERMS, dtype=gain.dtype, device=gain.device) * (std**-2)[..., None]
+    weight = std[..., 0] ** -2  # of a channel's own g_0; COMMON_STD is that of the shared g_0
     shared = weight / (3 + 1 / (COMMON_STD**2 * weight))
-    for c in COMMON_PLACES:
-        precision[:, c, COMMON_PLACES] -= shared[:, None]
-    log_of_spread = 2.0 * np.log(std).sum(axis=1) + np.log1p(3 * COMMON_STD**2 * weight)
-    return expected, precision, log_of_spread + np.sum((expected / std) ** 2, axis=1)
+    precision[..., ::TERMS, ::TERMS] -= shared[..., None, None]
+    log_of_spread = 2.0 * xp.log(std).sum(-1) + xp.log1p(3 * COMMON_STD**2 * weight)
+    return expected, precision, log_of_spread + ((expected / std) ** 2).sum(-1)
 
 
 # Response of the camera to light, and of its colours to slope.
@@ -295,7 +328,12 @@ class Drift:
 
 
 class DriftTracker:
-    """Measure the drift of frames against one reference."""
+    """Measure the drift of frames against one reference.
+
+    Private methods take a frame's arrays, or tensors of B frames with a leading axis (`batched_drift.py`).
+    """
+
+    records = False  # whether steps are recorded, so that none may depend on numbers
 
     def __init__(self, reference: Reference, response: Response) -> None:
         height, width = reference.shape
@@ -317,6 +355,9 @@ class DriftTracker:
         self.level = self._blocks(tiles)
         self.all_usable, count = bool(self.usable.all()), np.count_nonzero(self.usable)
         self._middle = (count - 1) // 2, count // 2  # of the usable blocks in order
+        self.counted: Any = slice(None) if self.all_usable else np.flatnonzero(self.usable)
+        self.priors = Priors()
+        self.tilts, self.floor = np.diag([0.0, 1.0, 1.0]).ravel(), np.diag([TINY, 0.0, 0.0]).ravel()
         self.bright, self.shown, self.bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
         self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
@@ -338,16 +379,21 @@ class DriftTracker:
             blocks[self.dark] = self.level[self.dark]
         change = blocks - self.level
         self._check(blocks, change)
-        gains = np.zeros((3, 3))
-        gains[:, 0] = self._medians(change / self.bright)
+        constant = self._medians(change / self.bright)
         change /= self.noise
-        gains, weights, touched, limit = self._reweighted(change, gains)
+        gains, weighted = constant[:, None] * np.eye(1, 3), change * self.shown
+        for _ in range(MAX_ITERATIONS):
+            before = gains
+            gains, weights, touched, limit = self._reweighted(change, weighted, before)
+            if np.abs(gains - before).max() < CONVERGENCE_TOL:
+                break
         drift, undo, covariance = gains, None, None
         if np.abs(gains[:, 0]).max() > MIN_DRIFT:
             if self.power == 2:
                 change *= 1.0 + self.bend * change
             drift, covariance = self._separated(change, weights, gains[:, 0], touched)
-            gains, undo = self._inverse(drift)
+            gains, correction, mixed = self._inverse(drift)
+            undo = correction if mixed else None
         left = self._left(change, drift)
         squares = np.add.reduce(left * left)
         shape = (self.size[1], self.size[0])
@@ -355,26 +401,20 @@ class DriftTracker:
         misfit = float(self._medians(squares)) ** 0.5
         return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left, tiles)
 
-    def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
-        """Return gains (3, 3), weights of the blocks, the mask (blocks,) of touched ones, and its threshold."""
-        weighted = change * self.shown
-        for _ in range(MAX_ITERATIONS):
-            squares = np.sum(self._left(change, gains) ** 2, axis=0)
-            scale = max(1.0, float(self._medians(squares)) / MEDIAN_LENGTH**2)
-            limit = CONTACT.colour_sigma**2 * scale
-            weights = squares * (1 / (9 * scale))
-            weights += 1.0
-            weights *= weights
-            np.divide(self.usable, weights, out=weights)
-            touched = self.usable & (squares > limit)
-            near_contact = self._near_contact(touched)
-            fitting = weights if near_contact is None else weights * ~near_contact
-            if near_contact is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
-                fitting = weights
-            before, gains = gains, self._fit(weighted, fitting, gains[:, 0])
-            if np.abs(gains - before).max() < CONVERGENCE_TOL:
-                break
-        return gains, fitting, touched, limit
+    def _reweighted(self, change: Any, weighted: Any, gains: Any) -> tuple[Any, Any, Any, Any]:
+        """Return a round's gains (..., 3, 3), weights of the blocks, the mask (..., blocks) of touched ones, and
+        its threshold (..., 1).
+        """
+        xp, squares = namespace(change), (self._left(change, gains) ** 2).sum(-2)
+        scale = (self._medians(squares)[..., None] / MEDIAN_LENGTH**2).clip(1.0)
+        limit = CONTACT.colour_sigma**2 * scale
+        weights = self.usable / (1.0 + squares * (1 / (9 * scale))) ** 2
+        touched = self.usable & (squares > limit)
+        near = near_contact(touched.reshape(*touched.shape[:-1], self.size[1], self.size[0]))
+        fitting = weights * ~near.reshape(touched.shape)
+        few = (fitting != 0).sum(-1)[..., None] < MIN_BLOCKS
+        fitting = xp.where(few, weights, fitting)
+        return self._fit(weighted, fitting, gains[..., 0]), fitting, touched, limit
 
     @property
     def effects(self) -> Floats:
@@ -402,68 +442,62 @@ class DriftTracker:
         squares = self.normal.reshape(-1, 3, 9).transpose(1, 0, 2)
         np.multiply(np.square(self.shown)[:, :, None], self.squares, out=squares)
 
-    def _among_usable(self, values: Floats) -> Floats:
+    def _among_usable(self, values: Any) -> Any:
         """Return the `values` (..., blocks) of the usable blocks."""
-        return values if self.all_usable else values[..., self.usable]
+        return values if self.all_usable else values[..., self.counted]
 
-    def _medians(self, values: Floats) -> Any:
+    def _medians(self, values: Any) -> Any:
         """Return the medians (...) of `values` (..., blocks) over the usable blocks."""
-        ordered = np.sort(self._among_usable(values), axis=-1)
+        ordered = ascending(self._among_usable(values))
         low, high = self._middle
         return 0.5 * (ordered[..., low] + ordered[..., high])
 
-    def _near_contact(self, touched: Bools) -> Bools | None:
-        """Return the mask of blocks near a contact, whose slopes resemble drift; single blocks are noise."""
-        if not touched.any():
-            return None
-        solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
-        return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
+    def _inverse(self, drift: Any) -> tuple[Any, Any, Any]:
+        """Return gains (..., 3, 3) of the corrected picture, corrections (..., 3, 4) of light, and whether (...)
+        they mix it, of a drift (..., 3, 6).
+        """
+        xp, gain = namespace(drift), 1.0 + self.power * drift[..., 0]
+        mixed = xp.amax(xp.abs(drift[..., 3:]), (-2, -1)) >= self.power * CONVERGENCE_TOL
+        level = xp.where(mixed[..., None], 1.0, gain ** (1.0 / self.power))
+        gains = xp.concatenate([(level - 1.0)[..., None], drift[..., 1:3] * (level / gain)[..., None]], -1)
+        same = xp.eye(3, dtype=drift.dtype, device=drift.device)
+        mix = same * (gain - drift[..., 4] - drift[..., 5])[..., None]
+        for term in (0, 1):
+            mix = mix + same[self.priors.others[:, term]] * drift[..., 4 + term, None]
+        undo = inverse(self.light[:, None] * mix / self.light)[0]
+        stray = -undo @ (drift[..., 3] * self.light)[..., None]
+        return gains, xp.concatenate([undo, stray], -1), mixed
 
-    def _inverse(self, drift: Floats) -> tuple[Floats, Floats | None]:
-        """Return the gains (3, 3) of the corrected picture and the correction, of a drift (3, 6)."""
-        gain = 1.0 + self.power * drift[:, 0]
-        gains = np.column_stack([np.zeros(3), drift[:, 1:3] / gain[:, None]])
-        if np.abs(drift[:, 3:]).max() < self.power * CONVERGENCE_TOL:
-            level = gain ** (1.0 / self.power)
-            gains *= level[:, None]
-            gains[:, 0] = level - 1.0
-            return gains, None
-        mix = np.diag(gain - drift[:, 4] - drift[:, 5])
-        for c, others in enumerate(OTHERS):
-            mix[c, others] = drift[c, 4:]
-        undo = np.linalg.inv(self.light[:, None] * mix / self.light)
-        return gains, np.column_stack([undo, -undo @ (drift[:, 3] * self.light)])
-
-    def _separated(
-        self, change: Floats, weights: Floats, constant: Floats, touched: Bools
-    ) -> tuple[Floats, Floats]:
-        """Return the drift (3, 6) and its covariance, separated from slopes around the `touched` blocks."""
-        shape = self.size[1], self.size[0]
-        contact, slopes = solid(touched.reshape(shape)), None
-        noise = noise_of(change.reshape(3, *shape), weights.reshape(shape))
-        if contact.any():
-            slopes = likely_slopes(change / noise, self.slope_effects / noise, touched=contact)
-        gain = (1.0 + constant) ** self.power - 1.0
-        return drift_of(
-            change / noise, weights, terms=self.terms / noise, slopes=slopes, gain=gain, power=self.power
+    def _separated(self, change: Any, weights: Any, constant: Any, touched: Any) -> tuple[Any, Any]:
+        """Return the drift (..., 3, 6) and its covariance, separated from slopes around the `touched` blocks."""
+        shape, slopes = (self.size[1], self.size[0]), None
+        contact = solid(touched.reshape(*touched.shape[:-1], *shape))
+        noise = noise_of(change.reshape(*change.shape[:-1], *shape), weights.reshape(contact.shape))
+        noise = noise[..., None, None]
+        change, effects, terms = (
+            change / noise,
+            self.slope_effects / noise[..., None],
+            self.terms / noise[..., None],
         )
+        if self.records or contact.any():
+            slopes = likely_slopes(change, effects, touched=contact)
+        gain, power, priors = (1.0 + constant) ** self.power - 1.0, self.power, self.priors
+        return drift_of(change, weights, terms=terms, slopes=slopes, gain=gain, power=power, priors=priors)
 
-    def _blocks(self, planes: Picture) -> Floats:
-        """Return the means (3, h * w) of planes over the blocks."""
-        blocks = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
-        return blocks.astype(np.float64).reshape(3, -1)
+    def _blocks(self, planes: Any) -> Any:
+        """Return the means (..., 3, h * w) of planes over the blocks."""
+        blocks, xp = (self.down @ planes).reshape(-1, planes.shape[-1]) @ self.across, namespace(planes)
+        return xp.asarray(blocks, dtype=xp.float64).reshape(*planes.shape[:-2], -1)
 
-    def _left(self, change: Floats, gains: Floats) -> Floats:
-        return np.asarray(change - np.matmul(gains[:, None, :], self.terms[:, : gains.shape[1]])[:, 0])
+    def _left(self, change: Any, gains: Any) -> Any:
+        return change - (gains[..., None, :] @ self.terms[:, : gains.shape[-1]])[..., 0, :]
 
-    def _fit(self, weighted: Floats, weights: Floats, constant: Floats) -> Floats:
-        """Return gains (3, 3) by weighted least squares with a prior on the plane."""
-        normal = (weights @ self.normal).reshape(3, 9)
-        prior_std = PLANE_SHARE * np.abs(constant) + MIN_PLANE
-        normal[:, 4::4] += (CORRELATED / prior_std**2)[:, None]  # the diagonal but for its first
-        normal[:, 0] += TINY
-        right = (weighted * weights) @ self.basis
-        return np.asarray(np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0])
+    def _fit(self, weighted: Any, weights: Any, constant: Any) -> Any:
+        """Return gains (..., 3, 3) by weighted least squares with a prior on the plane."""
+        prior = CORRELATED / (PLANE_SHARE * abs(constant) + MIN_PLANE) ** 2
+        normal = (weights @ self.normal).reshape(*prior.shape, 9) + (prior[..., None] * self.tilts + self.floor)
+        right = (weighted * weights[..., None, :]) @ self.basis
+        return (inverse(normal.reshape(*prior.shape, 3, 3))[0] @ right[..., None])[..., 0]
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         blocks, mean_grey, clear_grey = self._among_usable(blocks), self.mean_grey, self.clear_grey
@@ -479,9 +513,9 @@ class DriftTracker:
         size = np.abs(self._among_usable(change))
         if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear_grey, 0.5 * mean_grey) * size.size:
             return  # the median of non-negative values is at most twice their mean
-        off = float(np.median(size))
+        off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > clear_grey and float(np.median(swapped)) < MAX_SWAPPED_SHARE * off:
+        if off > clear_grey and float(median(swapped.ravel())) < MAX_SWAPPED_SHARE * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
@@ -509,10 +543,20 @@ def _of_bits(grey: Floats, mean_grey: float) -> str:
     )
 
 
-def solid(touched: Bools) -> Bools:
-    """Return the mask (h, w) of `touched` blocks that fill two by two; the others are noise."""
+@singledispatch
+def solid(touched: Any) -> Any:
+    """Return the mask (..., h, w) of `touched` blocks that fill two by two; the others are noise."""
     whole = cv2.erode(touched.astype(np.uint8), SOLID, borderValue=0)
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
+
+
+@singledispatch
+def near_contact(touched: Any) -> Any:
+    """Return the mask (..., h, w) of blocks near a contact, whose slopes resemble drift; single ones are noise."""
+    if not touched.any():
+        return touched
+    whole = cv2.erode(touched.view(np.uint8), SOLID)
+    return np.asarray(cv2.dilate(whole, NEAR, anchor=(3, 3)) > 0)
 
 
 def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Picture:

@@ -159,9 +159,10 @@ class CalibratedSensor:
         try:
             if not touched:
                 return field.without_contact(height)
-            if self.untouched is None or not field.touched(height):
+            if self.untouched is None:
                 return field(height)
-            return field(height, self.untouched.shear(rgb_rectified))
+            free = field.free(height)
+            return field(height, self.untouched.shear(rgb_rectified)) if free is None else free
         except ConvergenceError:
             return None
 
