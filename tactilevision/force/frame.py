@@ -201,21 +201,24 @@ class ForceJob:
 
         Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
         """
-        height, shear, why = self.reconstructor.height_map(frame), None, []
-        doubts: tuple[str, ...] = ()
-        if self.field.touched(height):
-            height = self.anchor(height)
-            if self.untouched is None or not self.untouched.shows:
-                why = [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
-            else:
-                shear = self.untouched.shear(self.reconstructor.rectified(frame))
+        height, shear, why = self.maps(frame)
+        found, doubts = self.field(height, shear), height.flags
+        if why is not None:  # something may touch; a contact cut by the border is flagged by the field itself
             error = self.reconstructor.error
-            doubts = contact_flags(find_contact(height, error), error)
-        found = self.field(height, shear)
-        # a contact cut by the border is flagged by the field itself
-        doubts = add(height.flags, tuple(flag for flag in doubts if flag == BEYOND_BALLS))
-        flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))
+            more = contact_flags(find_contact(height, error), error)
+            doubts = add(doubts, tuple(flag for flag in more if flag == BEYOND_BALLS))
+        flags = (*dict.fromkeys((*found.flags, *(why or ()))), *(MEANING[flag] for flag in doubts))
         return Solved(height, shear, replace(found, flags=flags))
+
+    def maps(self, frame: Frame) -> tuple[HeightMap, ShearMap | None, list[str] | None]:
+        """Return the height of a frame, its shear where something may touch, and why there is none; else None."""
+        height = self.reconstructor.height_map(frame)
+        if not self.field.touched(height):
+            return height, None, None
+        height = self.anchor(height)
+        if self.untouched is None or not self.untouched.shows:
+            return height, None, [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
+        return height, self.untouched.shear(self.reconstructor.rectified(frame)), []
 
     def kept(self, result: FrameForce) -> bool:
         """Return whether the store that holds the frame's tractions is there."""
