@@ -36,8 +36,9 @@ bench: .venv/.ok
 	$(BIN)/python -m benchmarks $(if $(QUICK),--quick)
 
 # Processor time and memory of commands and frames, as ratios to another revision: `make bench-speed BASE=v1`.
+# `make bench-speed WRITE=1` writes README's times.
 bench-speed: .venv/.ok
-	$(BIN)/python -m benchmarks.speed $(if $(BASE),--base $(BASE))
+	$(BIN)/python -m benchmarks.speed $(if $(BASE),--base $(BASE)) $(if $(WRITE),--write)
 
 blind: .venv/.ok
 	$(BIN)/python -m benchmarks.blind

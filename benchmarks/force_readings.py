@@ -196,7 +196,12 @@ def make(
     bodies = {p.indenter: Indenter(p.indenter, "sphere", float(p.indenter[1:])) for p in presses}
     recording = Recording(path=folder, name=name, sensor=sensor, presses=tuple(presses), indenters=bodies)
     written = write_comparison(
-        recording, rows, step(), folder=folder, solve=lambda number: maps[number], material_std=0.01
+        recording,
+        rows,
+        step(),
+        folder=folder,
+        maps=lambda number: (maps[number].height, maps[number].shear),
+        material_std=0.01,
     )
     assert written is not None
     return written

@@ -1,9 +1,10 @@
 """Processor time and memory of commands and frames, as ratios to another revision: python -m benchmarks.speed.
 
-python -m benchmarks.speed [--base REVISION] [--turns N] [--quick] [CASE ...]
+python -m benchmarks.speed [--base REVISION] [--turns N] [--quick] [--write] [CASE ...]
 The base revision is checked out into a temporary folder. Each case runs in a process of its own, with the base and
 this tree in turns; both read the samples of this tree, and each tree has a cache of its own.
 Printed are medians over the turns: seconds of processor time, their ratio, and the largest resident memory.
+`--write` writes the times that README states, of this tree on this machine, into its line.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,6 +46,15 @@ for again in range({times}):
     reconstructor.height_map(frame)
 print((time.process_time() - began) / {times})
 """
+
+
+README = HERE / "README.md"
+STATED = re.compile(".*<!-- bench-speed -->")
+LINE = (  # of README: its times by case
+    "On one core of {machine}, calibration takes {five lines of README, first run:.2g} s, and "
+    "{five lines of README, second run:.2g} s once it is in the [cache](docs/start/two_commands.md#cache). "
+    "A deep map takes {a deep frame:.2g} ms. <!-- bench-speed -->"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +109,8 @@ CASES = (  # in this order: later ones read what earlier ones wrote
 
 def main(arguments: Sequence[str] = ()) -> None:
     options = _options().parse_args(list(arguments))
-    wanted = [
-        case for case in CASES if options.quick <= case.quick and (not options.cases or case.name in options.cases)
-    ]
+    named = {*options.cases, *(case.name for case in CASES if options.write and case.name in LINE)}
+    wanted = [case for case in CASES if options.quick <= case.quick and (not named or case.name in named)]
     print(f"{'':34}{'base (s)':>10}{'now (s)':>10}{'ratio':>8}{'base (MB)':>11}{'now (MB)':>10}")
     with tempfile.TemporaryDirectory() as folder, _worktree(options.base, Path(folder) / "base") as base:
         both = [Tree(source, Path(folder) / f"of_{name}") for name, source in (("base", base), ("now", HERE))]
@@ -110,6 +121,17 @@ def main(arguments: Sequence[str] = ()) -> None:
                 for tree in both if turn % 2 else reversed(both):
                     tree.spent.setdefault(case.name, []).append(_run(case, tree))
             print(_row(case.name, *(tree.spent[case.name] for tree in both)), flush=True)
+        if options.write:
+            _write({name: median(seconds for seconds, _ in runs) for name, runs in both[1].spent.items()})
+
+
+def _write(spent: Mapping[str, float]) -> None:
+    """Write the seconds of processor time by case, and the machine's name, into README."""
+    about = Path("/proc/cpuinfo")
+    found = re.search("model name\\s*: (.*)", about.read_text()) if about.is_file() else None
+    ms = {"a deep frame": 1e3 * spent["a deep frame"]}
+    line = LINE.format(machine=found[1] if found else platform.processor(), **{**spent, **ms})
+    README.write_text(STATED.sub(line, README.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def _run(case: Case, tree: Tree) -> tuple[float, float]:
@@ -161,6 +183,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {names}; all where none is named")
     parser.add_argument("--base", default="HEAD", metavar="REVISION", help="the revision compared with")
     parser.add_argument("--turns", type=int, default=TURNS, metavar="N", help="runs of each case and revision")
+    parser.add_argument("--write", action="store_true", help="write README's times")
     parser.add_argument("--quick", action="store_true", help="only the cases of a second")
     return parser
 

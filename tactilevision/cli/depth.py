@@ -260,7 +260,7 @@ def _against_sensor(
         rows,
         job.field,
         folder=out / "beside",
-        solve=lambda number: job.solve(read_frame(recording, number)),
+        maps=lambda number: job.maps(read_frame(recording, number))[:2],
         material_std=std,
     )
 

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.force.field import CUT, ForceField
-from tactilevision.force.frame import FrameForce, Solved, nothing_touches
+from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.recording.model import Recording
 from tactilevision.recording.write import write_recording
 from tactilevision.records.constants import Z95
+from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Indenter, Press
 
@@ -160,14 +161,14 @@ def write_comparison(
     field: ForceField,
     *,
     folder: Path,
-    solve: Callable[[int], Solved],
+    maps: Callable[[int], tuple[HeightMap, ShearMap | None]],
     material_std: float = 0.0,
 ) -> Path | None:
     """Write the recording of curves into `folder`; return None if no press has enough frames with both forces.
 
-    `rows`, one a frame, are forces by `field`; `solve` returns the maps of a frame by its number. `material_std`
-    is the relative std of a force by the calibration. Where no presses are listed, each run of frames with contact
-    is one.
+    `rows`, one a frame, are forces by `field`; `maps` returns height and shear of a frame by its number.
+    `material_std` is the relative std of a force by the calibration. Where no presses are listed, each run of
+    frames with contact is one.
     """
     if not recording.presses:
         recording, rows = _contacts(recording, rows)
@@ -184,7 +185,7 @@ def write_comparison(
     for press in presses:
         deep = sorted(seen[press.press], key=lambda row: row.depth_mm)
         chosen = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
-        powers = [_of_thickness(solve(number[row.frame]), layers) for row in chosen]
+        powers = [_of_thickness(*maps(number[row.frame]), layers) for row in chosen]
         of_thickness = np.interp(
             [row.depth_mm for row in seen[press.press]], [row.depth_mm for row in chosen], powers
         )
@@ -209,9 +210,9 @@ def _layer(field: ForceField, times: float) -> ForceField:
     return ForceField(gel, replace(field.material, covariance=None), field.mm_per_px, settings=settings)
 
 
-def _of_thickness(solved: Solved, layers: Sequence[ForceField]) -> float:
+def _of_thickness(height: HeightMap, shear: ShearMap | None, layers: Sequence[ForceField]) -> float:
     """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker layer."""
-    force = [field(solved.height, solved.shear).resultant_N[2] for field in layers]
+    force = [field(height, shear).resultant_N[2] for field in layers]
     return float(np.log(force[1] / force[0]) / np.log(THICKER)) if min(force) > 0 else 0.0
 
 

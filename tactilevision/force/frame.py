@@ -201,21 +201,24 @@ class ForceJob:
 
         Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
         """
-        height, shear, why = self.reconstructor.height_map(frame), None, []
-        doubts: tuple[str, ...] = ()
-        if (found := self.field.free(height)) is None:
-            height = self.anchor(height)
-            if self.untouched is None or not self.untouched.shows:
-                why = [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
-            else:
-                shear = self.untouched.shear(self.reconstructor.rectified(frame))
-            error = self.reconstructor.error
-            doubts = contact_flags(find_contact(height, error), error)
-            found = self.field(height, shear)
-        # a contact cut by the border is flagged by the field itself
-        doubts = add(height.flags, tuple(flag for flag in doubts if flag == BEYOND_BALLS))
+        height, shear, why, found = self.maps(frame)
+        doubts = height.flags
+        if found is None:  # a contact cut by the border is flagged by the field itself
+            found, error = self.field(height, shear), self.reconstructor.error
+            more = contact_flags(find_contact(height, error), error)
+            doubts = add(doubts, tuple(flag for flag in more if flag == BEYOND_BALLS))
         flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))
         return Solved(height, shear, replace(found, flags=flags))
+
+    def maps(self, frame: Frame) -> tuple[HeightMap, ShearMap | None, list[str], TractionMap | None]:
+        """Return the height of a frame, its shear, why there is none, and the tractions where nothing touches."""
+        height = self.reconstructor.height_map(frame)
+        if (free := self.field.free(height)) is not None:
+            return height, None, [], free
+        height = self.anchor(height)
+        if self.untouched is None or not self.untouched.shows:
+            return height, None, [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW], None
+        return height, self.untouched.shear(self.reconstructor.rectified(frame)), [], None
 
     def kept(self, result: FrameForce) -> bool:
         """Return whether the store that holds the frame's tractions is there."""

@@ -41,6 +41,9 @@ ROUND_TRIP_PX = 1.0  # px: largest error of the flow forth and back
 MIN_KNOWN = 0.5  # share of the view
 TEXTURE_OVER_NOISE = 1.5  # least ratio of texture to noise
 CORRELATION_PX = 8  # px: patch of the flow
+BLOCK_PX = 4  # px: blocks over which a frame without texture is told quickly
+CLEARLY = 0.05  # share of the view: ten times what blocks err in it
+LOGARITHM = np.log1p(np.arange(256, dtype=np.float32))  # of each grey level, plus one
 Singles = npt.NDArray[np.float32]
 
 
@@ -74,7 +77,10 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
     None if the texture is below the noise over MIN_KNOWN of either picture: the untouched one is often a mean of
     many, with less noise than one frame.
     """
-    second, seen = _pattern(_fine(after), before.weights)
+    fine = _fine(after)
+    if _known_by_blocks(before, fine) < MIN_KNOWN - CLEARLY:
+        return None
+    second, seen = _pattern(fine, before.weights)
     if (before.known & seen).mean() < MIN_KNOWN:
         return None  # under a contact a change of light counts as noise here; the residual decides there
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -99,14 +105,14 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
 
 def _fine(rgb: Bytes) -> Singles:
     """Return the logarithm of each channel (H, W, 3) without what is coarser than the grain."""
-    light = np.log1p(rgb.astype(np.float32))
+    light = cv2.LUT(rgb, LOGARITHM)
     return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.7) - cv2.GaussianBlur(light, (0, 0), GRAIN_PX))
 
 
-def _channel_noise(fine: Singles) -> Singles:
+def _channel_noise(fine: Singles, block: int = 1) -> Singles:
     """Estimate the variance of each channel's own noise (H, W, 3) from the differences between channels."""
     r, g, b = cv2.split(fine)
-    rg, rb, gb = (_smooth(one**2, CONTRAST_PX) for one in (r - g, r - b, g - b))
+    rg, rb, gb = (_power(one, block) for one in (r - g, r - b, g - b))
     found = np.stack([rg + rb - gb, rg + gb - rb, rb + gb - rg], axis=2) / 2
     return np.asarray(np.maximum(found, 0.02 * (rg + rb + gb)[..., None]) + TINY)
 
@@ -115,9 +121,31 @@ def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
     """Return the weighted mean (H, W) of unit contrast, and where it exceeds the noise."""
     mean = np.einsum("hwc,hwc->hw", fine, weights)
     noise = np.einsum("hwc,hwc->hw", _channel_noise(fine), weights**2)
-    power = _smooth(mean**2, CONTRAST_PX)
+    power = _power(mean)
     scale = np.sqrt(np.maximum(power, noise))
     return np.asarray(mean / scale), np.asarray(power > (1 + TEXTURE_OVER_NOISE**2) * noise, dtype=np.bool_)
+
+
+def _known_by_blocks(before: Texture, fine: Singles) -> float:
+    """Return about the share of the view in which texture exceeds the noise of both pictures, in a third of the
+    time.
+    """
+    known, weights = (_blocks(one, BLOCK_PX) for one in (before.known.astype(np.float32), before.weights))
+    power = _power(np.einsum("hwc,hwc->hw", fine, before.weights), BLOCK_PX)
+    noise = np.einsum("hwc,hwc->hw", _channel_noise(fine, BLOCK_PX), weights**2)
+    return float((known * (power > (1 + TEXTURE_OVER_NOISE**2) * noise)).mean())
+
+
+def _power(picture: Singles, block: int = 1) -> Singles:
+    """Return the mean square over CONTRAST_PX around each pixel, or each block of pixels."""
+    return _smooth(_blocks(picture**2, block), CONTRAST_PX / block)
+
+
+def _blocks(picture: Singles, block: int) -> Singles:
+    """Return means over blocks of so many pixels across."""
+    if block == 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=1 / block, fy=1 / block, interpolation=cv2.INTER_AREA))
 
 
 def _smooth(picture: npt.NDArray[Any], size_px: float) -> Singles:

@@ -133,7 +133,9 @@ def test_contacts_of_a_recording_without_presses_are_taken_from_the_frames(tmp_p
     ]
     sensor = Sensor("custom", 120, 90, SCALE, gel=GEL)
     recording = Recording(path=tmp_path, name="free", sensor=sensor)
-    written = write_comparison(recording, rows, step(), folder=tmp_path / "beside", solve=lambda number: maps)
+    written = write_comparison(
+        recording, rows, step(), folder=tmp_path / "beside", maps=lambda number: (maps.height, maps.shear)
+    )
     assert written is not None
     again = read_recording(written)
     assert [len(curve.time_s) for curve in again.curves] == [5, 5, 5]
