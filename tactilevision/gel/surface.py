@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from tactilevision.errors import InputError
@@ -62,14 +62,18 @@ class SurfaceCells:
         return self.places_mm[:, 2].reshape(self.shape)
 
     @cached_property
-    def _spline(self) -> Floats:
-        return np.asarray(spline_filter(self.depth_mm, mode="nearest"))
+    def _slope(self) -> tuple[Floats, Floats]:
+        """Return dz0/dx_i (2, rows, columns), and d2z0/dx_i dx_k (2, 2, rows, columns), 1/mm."""
+        slope = (-self.frames[:, 2, :2] / self.frames[:, 2, 2:]).T.reshape(2, *self.shape)
+        return slope, np.stack([np.stack(np.gradient(one, self.spacing_mm)[::-1]) for one in slope])
 
     def rise_mm(self, shift_mm: Floats) -> Floats:
-        """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, along x and y."""
-        steps = np.indices(self.shape) + shift_mm[::-1] / self.spacing_mm
-        there = map_coordinates(self._spline, steps, prefilter=False, mode="nearest")
-        return np.asarray(there - self.depth_mm)
+        """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, to second order."""
+        slope, bend = self._slope
+        return np.asarray(
+            np.einsum("i...,i...->...", slope, shift_mm)
+            + np.einsum("i...,k...,ik...->...", shift_mm, shift_mm, bend) / 2
+        )
 
     def local(self, moved_mm: Floats) -> Floats:
         """Return displacement (3, rows, columns), mm, along the local axes."""
