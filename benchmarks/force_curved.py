@@ -13,6 +13,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from tactilevision.force.compliance import compliance_for
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance, compliance_of
 from tactilevision.force.nodes import lay_grid
+from tactilevision.gel.mesh_file import read_mesh
 from tactilevision.gel.shapes import shape_mesh
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material
@@ -38,6 +41,7 @@ DOME = Gel(3.0, shape="dome", curvature_mm=(ROUND, ROUND), radius_mm=ROUND * RIM
 WEDGE = Gel(3.5, shape="wedge", thickness_ends_mm=(2.0, 5.0), size_mm=(24.0, 22.0))
 STEEPEST_DEG = 35.0
 POINTS = 16  # along either side of a cell, of the planted traction's mean
+TETS_MM = 1.0  # of a mesh file's tetrahedra
 FINE_MM = 0.3  # elements of the truth about the contact; of .2 mm moves the mean displacement by .02 %
 
 
@@ -120,22 +124,21 @@ def solved(gel: Gel, one: Contact, x: Floats, y: Floats) -> tuple[Floats, float]
 
 
 def _geometry(gel: Gel, one: Contact) -> Any:
-    """NGSolve's solid, fine about the contact, its faces named; z runs into it."""
-    from netgen.occ import (
-        ArcOfCircle,
-        Axis,
-        Cylinder,
-        Dir,
-        Face,
-        Glue,
-        OCCGeometry,
-        Pnt,
-        Segment,
-        Sphere,
-        Vec,
-        Wire,
-        Z,
-    )
+    """NGSolve's solid, fine about the contact, with the pressed face cut out of its own."""
+    from netgen.occ import Cylinder, Dir, Glue, OCCGeometry, Pnt, Sphere
+
+    whole, normal = _solid(gel), one.axes[2]
+    ball = Sphere(Pnt(*one.place), one.radius + 0.8)
+    rod = Cylinder(Pnt(*(one.place - normal)), Dir(*normal), r=one.radius, h=1.6)
+    near, pressed = whole * ball - rod, whole * rod
+    pressed.faces["top"].name = "pressed"
+    pressed.faces["pressed"].maxh = near.faces["top"].maxh = FINE_MM
+    return OCCGeometry(Glue([pressed, near, whole - ball - rod]))
+
+
+def _solid(gel: Gel) -> Any:
+    """NGSolve's solid, its faces named; z runs into it."""
+    from netgen.occ import ArcOfCircle, Axis, Face, Pnt, Segment, Vec, Wire, Z
 
     if gel.shape == "dome":
         steep = np.arcsin(RIM)
@@ -159,12 +162,26 @@ def _geometry(gel: Gel, one: Contact) -> Any:
         areas = {24 * 22: "top", float(np.hypot(24, 3) * 22): "base"}
     for face in whole.faces:
         face.name = next((name for area, name in areas.items() if abs(face.mass - area) < 1e-3), "side")
-    ball, normal = Sphere(Pnt(*one.place), one.radius + 0.8), one.axes[2]
-    rod = Cylinder(Pnt(*(one.place - normal)), Dir(*normal), r=one.radius, h=1.6)
-    near, pressed = whole * ball - rod, whole * rod
-    pressed.faces["top"].name = "pressed"
-    pressed.faces["pressed"].maxh = near.faces["top"].maxh = FINE_MM
-    return OCCGeometry(Glue([pressed, near, whole - ball - rod]))
+    return whole
+
+
+def tetrahedra(gel: Gel) -> MeshCompliance:
+    """Return the compliance of a mesh file of straight tetrahedra of TETS_MM, as netgen writes them."""
+    import meshio
+    from netgen.occ import OCCGeometry
+
+    made, sets = OCCGeometry(_solid(gel)).GenerateMesh(maxh=TETS_MM), {}
+    points = np.array([one.p for one in made.Points()])
+    cells = np.array([[vertex.nr - 1 for vertex in one.vertices] for one in made.Elements3D()])
+    for name, face in (("seen", "top"), ("bonded", "base")):
+        own = [one for one in made.Elements2D() if made.GetBCName(one.index - 1) == face]
+        sets[name] = np.isin(np.arange(len(points)), [v.nr - 1 for one in own for v in one.vertices]).astype(float)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "gel.vtu"
+        meshio.write_points_cells(path, points, [("tetra", cells)], point_data=sets)
+        mesh = read_mesh(path, thickness_mm=gel.thickness_mm)
+    grid = lay_grid(VIEW.shape, SCALE, spacing_mm=0.5)
+    return compliance_of(mesh, gel, grid, poisson_ratio=MATERIAL.poisson_ratio)
 
 
 def measured(gel: Gel, u: Floats, *, std_mm: float, rng: np.random.Generator) -> tuple[HeightMap, ShearMap]:
@@ -187,25 +204,30 @@ def measured(gel: Gel, u: Floats, *, std_mm: float, rng: np.random.Generator) ->
     return height, ShearMap(shear[0], shear[1], known[inner], SCALE, std_mm=std_mm)
 
 
-def against_ngsolve(gel: Gel, cases: int, *, seed: int) -> Floats:
-    """Rows (cases, 4): error of the resultant over its size and L2 of the normal traction, at 0 and 5 um."""
+def against_ngsolve(gel: Gel, cases: int, *, seed: int, others: Sequence[MeshCompliance] = ()) -> Floats:
+    """Rows (cases, meshes, 4): error of the resultant over its size and L2 of the normal traction, at 0 and 5 um,
+    by our mesh and by `others`.
+    """
     rng, rows = np.random.default_rng(seed), []
     x, y = WIDE.mesh()
-    field = ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+    own = ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+    fields = [own, *(ForceField(gel, MATERIAL, SCALE, settings=LINEAR, compliance=one) for one in others)]
     for _ in range(cases):
         one = draw(gel, rng)
         u, unit = solved(gel, one, x, y)
-        truth = _normal(gel, field, one, unit)
-        row: list[float] = []
-        for std_mm in (0.0, 0.005):
-            found = field(*measured(gel, u, std_mm=std_mm, rng=rng))
-            off = np.linalg.norm(np.asarray(found.resultant_N) - one.resultant) / np.linalg.norm(one.resultant)
-            row += [off, float(np.linalg.norm(found.pressure - truth) / np.linalg.norm(truth))]
+        truth, size = _normal(gel, own, one, unit), np.linalg.norm(one.resultant)
+        row = np.zeros((len(fields), 4))
+        for k, std_mm in enumerate((0.0, 0.005)):
+            maps = measured(gel, u, std_mm=std_mm, rng=rng)
+            for to, field in zip(row, fields, strict=True):
+                found = field(*maps)
+                to[2 * k] = np.linalg.norm(np.asarray(found.resultant_N) - one.resultant) / size
+                to[2 * k + 1] = np.linalg.norm(found.pressure - truth) / np.linalg.norm(truth)
         rows.append(row)
         kind = f"{'punch' if one.punch else 'ball'} of {one.radius:.1f} mm at {np.round(one.place, 1)}"
         deep = float(np.nanmax(np.linalg.norm(u, axis=0)))
-        print(f"    {kind}, moved {deep:.2f} mm: off {100 * row[0]:.2f}, {100 * row[2]:.2f} %, ", end="")
-        print(f"L2 {row[1]:.3f}, {row[3]:.3f}", flush=True)
+        off = "; ".join(f"off {100 * a:.2f}, {100 * c:.2f} %, L2 {b:.3f}, {d:.3f}" for a, b, c, d in row)
+        print(f"    {kind}, moved {deep:.2f} mm: {off}", flush=True)
     return np.array(rows)
 
 
@@ -278,13 +300,15 @@ def main(arguments: Sequence[str]) -> None:
         print("NGSolve is not installed: nothing to compare curved gels with")
         return
     for name, gel in (("dome, 0 to 35 degrees", DOME), ("wedge, 2 to 5 mm", WEDGE)):
-        rows = against_ngsolve(gel, cases, seed=2026)
-        for std_um, part in ((0, rows[:, :2]), (5, rows[:, 2:])):
-            middle, most = 100 * np.percentile(part[:, 0], [50, 95])
-            off = f"{middle:.2f} % (median), {most:.2f} % (95th)"
+        found = against_ngsolve(gel, cases, seed=2027, others=[tetrahedra(gel)])
+        for (mesh, rows), (um, k) in product(
+            zip(("hexahedra", "tetrahedra of 1 mm"), found.swapaxes(0, 1), strict=True), ((0, 0), (5, 2))
+        ):
+            middle, most = 100 * np.percentile(rows[:, k], [50, 95])
             print(
-                f"{name}, {std_um} um: resultant off by {off}, L2 of normal traction {np.median(part[:, 1]):.3f}"
+                f"{name}, {mesh}, {um} um: resultant off by {middle:.2f} % (median), {most:.2f} % (95th), ", end=""
             )
+            print(f"L2 of normal traction {np.median(rows[:, k + 1]):.3f}")
 
 
 def quick() -> None:
