@@ -65,7 +65,8 @@ class SurfaceCells:
     def _slope(self) -> tuple[Floats, Floats]:
         """Return dz0/dx_i (2, rows, columns), and d2z0/dx_i dx_k (2, 2, rows, columns), 1/mm."""
         slope = (-self.frames[:, 2, :2] / self.frames[:, 2, 2:]).T.reshape(2, *self.shape)
-        return slope, np.stack([np.stack(np.gradient(one, self.spacing_mm)[::-1]) for one in slope])
+        along, down = (np.gradient(slope, self.spacing_mm, axis=axis) for axis in (2, 1))
+        return slope, np.stack([along, down])
 
     def rise_mm(self, shift_mm: Floats) -> Floats:
         """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, to second order."""
