@@ -71,14 +71,15 @@ class SurfaceCells:
     def rise_mm(self, shift_mm: Floats) -> Floats:
         """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, to second order."""
         slope, bend = self._slope
-        return np.asarray(
-            np.einsum("i...,i...->...", slope, shift_mm)
-            + np.einsum("i...,k...,ik...->...", shift_mm, shift_mm, bend) / 2
-        )
+        return np.asarray((shift_mm * (slope + (bend * shift_mm).sum(axis=1) / 2)).sum(axis=0))
 
     def local(self, moved_mm: Floats) -> Floats:
         """Return displacement (3, rows, columns), mm, along the local axes."""
-        return np.asarray(np.einsum("nij,jn->in", self.frames, moved_mm.reshape(3, -1)).reshape(moved_mm.shape))
+        return np.asarray((self._turn * moved_mm.reshape(3, -1)).sum(axis=1).reshape(moved_mm.shape))
+
+    @cached_property
+    def _turn(self) -> Floats:
+        return np.ascontiguousarray(self.frames.transpose(1, 2, 0))
 
 
 def surface_cells(
