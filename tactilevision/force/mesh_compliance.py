@@ -19,7 +19,8 @@ from tactilevision.force.kernel import layer_cells
 from tactilevision.force.large_depth import WIDEST
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.gel.mesh import GelMesh
-from tactilevision.gel.solid import gel_mesh, geometry_key
+from tactilevision.gel.mesh_file import file_key, read_mesh
+from tactilevision.gel.shapes import shape_mesh
 from tactilevision.gel.surface import SurfaceCells, surface_cells
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Bools, Floats
@@ -123,9 +124,20 @@ def mesh_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, slopes: b
     """
 
     def mesh() -> GelMesh:
-        return gel_mesh(gel, grid.x_mm, grid.y_mm, spacing_mm=grid.spacing_mm)
+        if gel.shape != "mesh" or gel.mesh is None:
+            return shape_mesh(gel, grid.x_mm, grid.y_mm, spacing_mm=grid.spacing_mm)
+        sets = {"seen": gel.seen, "bonded": gel.bonded}
+        return read_mesh(gel.mesh, unit=gel.mesh_unit, **sets, thickness_mm=gel.thickness_mm)
 
-    return _made(mesh, geometry_key(gel), gel, grid, poisson_ratio, slopes)
+    return _made(mesh, _geometry_key(gel), gel, grid, poisson_ratio, slopes)
+
+
+def _geometry_key(gel: Gel) -> str:
+    """Return all that a gel's mesh depends on besides the cells: its geometry, or its file's content."""
+    outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, gel.thickness_ends_mm
+    inside = gel.curvature_mm, gel.base, gel.axis, gel.layers
+    file = None if gel.mesh is None else (file_key(gel.mesh), gel.mesh_unit, gel.seen, gel.bonded)
+    return repr((outline, inside, file))
 
 
 def compliance_of(
@@ -159,7 +171,8 @@ def _made(
     found, change = arrays(nu), None
     if slopes:
         change = (found["table"] - arrays(nu - POISSON_STEP)["table"]) / np.float32(POISSON_STEP)
-    surface = SurfaceCells(grid.shape, grid.spacing_mm, **{name: found[name] for name in _surface_forms(grid)})
+    places = {name: found[name] for name in _surface_forms(grid)}
+    surface = SurfaceCells(grid.shape, grid.spacing_mm, **places, camera_mm=gel.camera_mm)
     return MeshCompliance(gel, nu, grid, surface, found["table"], change, float(found["stiffness"]))
 
 
