@@ -13,6 +13,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,8 @@ from benchmarks.force_sides import elastic
 from tactilevision.force.compliance import compliance_for
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance, compliance_of
-from tactilevision.force.nodes import cell_means, lay_grid
+from tactilevision.force.nodes import lay_grid
+from tactilevision.gel.mesh_file import read_mesh
 from tactilevision.gel.shapes import shape_mesh
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material
@@ -37,6 +40,9 @@ ROUND, RIM = 12.0, 0.85  # mm of the dome's sphere; sine of its steepest place
 DOME = Gel(3.0, shape="dome", curvature_mm=(ROUND, ROUND), radius_mm=ROUND * RIM)
 WEDGE = Gel(3.5, shape="wedge", thickness_ends_mm=(2.0, 5.0), size_mm=(24.0, 22.0))
 STEEPEST_DEG = 35.0
+POINTS = 16  # along either side of a cell, of the planted traction's mean
+TETS_MM = 1.0  # of a mesh file's tetrahedra
+FINE_MM = 0.3  # elements of the truth about the contact; of .2 mm moves the mean displacement by .02 %
 
 
 @dataclass(frozen=True)
@@ -99,13 +105,16 @@ def solved(gel: Gel, one: Contact, x: Floats, y: Floats) -> tuple[Floats, float]
     v = space.TestFunction()
 
     pressure = shape_at(one, (ng.x, ng.y, ng.z), ng.sqrt, lambda a, b: ng.IfPos(a, a if np.isscalar(b) else b, 0))
-    whole = ng.Integrate(pressure * ng.ds("top", bonus_intorder=8), mesh)
     load = ng.LinearForm(space)
     for axis, force in enumerate(one.resultant):
-        load += force / whole * pressure * v[axis] * ng.ds("top", bonus_intorder=8)
+        load += force * pressure * v[axis] * ng.ds("pressed", bonus_intorder=8)
     load.Assemble()
-    answer = ng.GridFunction(space)
+    answer, push = ng.GridFunction(space), ng.GridFunction(space)
+    push.Set(ng.CoefficientFunction(tuple(one.resultant)))
+    # the load's own sum: quadrature of the form has another order
+    whole = ng.InnerProduct(load.vec, push.vec) / float(one.resultant @ one.resultant)
     answer.vec.data = form.mat.Inverse(space.FreeDofs(), "sparsecholesky") * load.vec
+    answer.vec.data /= whole
     z = untouched(gel, x, y)
     known = np.isfinite(z)
     moved = np.full((3, *x.shape), np.nan)
@@ -115,20 +124,21 @@ def solved(gel: Gel, one: Contact, x: Floats, y: Floats) -> tuple[Floats, float]
 
 
 def _geometry(gel: Gel, one: Contact) -> Any:
-    """NGSolve's solid, fine about the contact, its faces named; z runs into it."""
-    from netgen.occ import (
-        ArcOfCircle,
-        Axis,
-        Face,
-        Glue,
-        OCCGeometry,
-        Pnt,
-        Segment,
-        Sphere,
-        Vec,
-        Wire,
-        Z,
-    )
+    """NGSolve's solid, fine about the contact, with the pressed face cut out of its own."""
+    from netgen.occ import Cylinder, Dir, Glue, OCCGeometry, Pnt, Sphere
+
+    whole, normal = _solid(gel), one.axes[2]
+    ball = Sphere(Pnt(*one.place), one.radius + 0.8)
+    rod = Cylinder(Pnt(*(one.place - normal)), Dir(*normal), r=one.radius, h=1.6)
+    near, pressed = whole * ball - rod, whole * rod
+    pressed.faces["top"].name = "pressed"
+    pressed.faces["pressed"].maxh = near.faces["top"].maxh = FINE_MM
+    return OCCGeometry(Glue([pressed, near, whole - ball - rod]))
+
+
+def _solid(gel: Gel) -> Any:
+    """NGSolve's solid, its faces named; z runs into it."""
+    from netgen.occ import ArcOfCircle, Axis, Face, Pnt, Segment, Vec, Wire, Z
 
     if gel.shape == "dome":
         steep = np.arcsin(RIM)
@@ -152,10 +162,26 @@ def _geometry(gel: Gel, one: Contact) -> Any:
         areas = {24 * 22: "top", float(np.hypot(24, 3) * 22): "base"}
     for face in whole.faces:
         face.name = next((name for area, name in areas.items() if abs(face.mass - area) < 1e-3), "side")
-    ball = Sphere(Pnt(*one.place), one.radius + 0.4)
-    near = whole * ball
-    near.faces["top"].maxh = 0.4
-    return OCCGeometry(Glue([near, whole - ball]))
+    return whole
+
+
+def tetrahedra(gel: Gel) -> MeshCompliance:
+    """Return the compliance of a mesh file of straight tetrahedra of TETS_MM, as netgen writes them."""
+    import meshio
+    from netgen.occ import OCCGeometry
+
+    made, sets = OCCGeometry(_solid(gel)).GenerateMesh(maxh=TETS_MM), {}
+    points = np.array([one.p for one in made.Points()])
+    cells = np.array([[vertex.nr - 1 for vertex in one.vertices] for one in made.Elements3D()])
+    for name, face in (("seen", "top"), ("bonded", "base")):
+        own = [one for one in made.Elements2D() if made.GetBCName(one.index - 1) == face]
+        sets[name] = np.isin(np.arange(len(points)), [v.nr - 1 for one in own for v in one.vertices]).astype(float)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "gel.vtu"
+        meshio.write_points_cells(path, points, [("tetra", cells)], point_data=sets)
+        mesh = read_mesh(path, thickness_mm=gel.thickness_mm)
+    grid = lay_grid(VIEW.shape, SCALE, spacing_mm=0.5)
+    return compliance_of(mesh, gel, grid, poisson_ratio=MATERIAL.poisson_ratio)
 
 
 def measured(gel: Gel, u: Floats, *, std_mm: float, rng: np.random.Generator) -> tuple[HeightMap, ShearMap]:
@@ -178,37 +204,43 @@ def measured(gel: Gel, u: Floats, *, std_mm: float, rng: np.random.Generator) ->
     return height, ShearMap(shear[0], shear[1], known[inner], SCALE, std_mm=std_mm)
 
 
-def against_ngsolve(gel: Gel, cases: int, *, seed: int) -> Floats:
-    """Rows (cases, 4): error of the resultant over its size and L2 of the normal traction, at 0 and 5 um."""
+def against_ngsolve(gel: Gel, cases: int, *, seed: int, others: Sequence[MeshCompliance] = ()) -> Floats:
+    """Rows (cases, meshes, 4): error of the resultant over its size and L2 of the normal traction, at 0 and 5 um,
+    by our mesh and by `others`.
+    """
     rng, rows = np.random.default_rng(seed), []
     x, y = WIDE.mesh()
-    field = ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+    own = ForceField(gel, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+    fields = [own, *(ForceField(gel, MATERIAL, SCALE, settings=LINEAR, compliance=one) for one in others)]
     for _ in range(cases):
         one = draw(gel, rng)
         u, unit = solved(gel, one, x, y)
-        truth = _normal(gel, field, one, unit)
-        row: list[float] = []
-        for std_mm in (0.0, 0.005):
-            found = field(*measured(gel, u, std_mm=std_mm, rng=rng))
-            off = np.linalg.norm(np.asarray(found.resultant_N) - one.resultant) / np.linalg.norm(one.resultant)
-            row += [off, float(np.linalg.norm(found.pressure - truth) / np.linalg.norm(truth))]
+        truth, size = _normal(gel, own, one, unit), np.linalg.norm(one.resultant)
+        row = np.zeros((len(fields), 4))
+        for k, std_mm in enumerate((0.0, 0.005)):
+            maps = measured(gel, u, std_mm=std_mm, rng=rng)
+            for to, field in zip(row, fields, strict=True):
+                found = field(*maps)
+                to[2 * k] = np.linalg.norm(np.asarray(found.resultant_N) - one.resultant) / size
+                to[2 * k + 1] = np.linalg.norm(found.pressure - truth) / np.linalg.norm(truth)
         rows.append(row)
         kind = f"{'punch' if one.punch else 'ball'} of {one.radius:.1f} mm at {np.round(one.place, 1)}"
         deep = float(np.nanmax(np.linalg.norm(u, axis=0)))
-        print(f"    {kind}, moved {deep:.2f} mm: off {100 * row[0]:.2f}, {100 * row[2]:.2f} %, ", end="")
-        print(f"L2 {row[1]:.3f}, {row[3]:.3f}", flush=True)
+        off = "; ".join(f"off {100 * a:.2f}, {100 * c:.2f} %, L2 {b:.3f}, {d:.3f}" for a, b, c, d in row)
+        print(f"    {kind}, moved {deep:.2f} mm: {off}", flush=True)
     return np.array(rows)
 
 
 def _normal(gel: Gel, field: ForceField, one: Contact, unit: float) -> Floats:
-    """Return the planted normal traction, a mean over each cell."""
+    """Return the planted normal traction, a mean over each cell from POINTS x POINTS places in it."""
     assert isinstance(field.compliance, MeshCompliance)
-    x, y = VIEW.mesh()
+    grid, offset = field.compliance.grid, (np.arange(POINTS) + 0.5) / POINTS - 0.5
+    x, y = np.meshgrid(*((axis[:, None] + grid.spacing_mm * offset).ravel() for axis in (grid.x_mm, grid.y_mm)))
     places = x, y, np.nan_to_num(untouched(gel, x, y))
     form = shape_at(one, places, np.sqrt, lambda a, b: np.where(a > 0, a if np.isscalar(b) else b, 0))
-    means = cell_means(field.compliance.grid, form * unit, valid=None)[0]
+    means = form.reshape(grid.shape[0], POINTS, grid.shape[1], POINTS).mean(axis=(1, 3))
     along = np.einsum("i,inm->nm", one.resultant, field.compliance.surface.frames[:, 2].T.reshape(3, *means.shape))
-    return np.asarray(means * along)
+    return np.asarray(unit * means * along)
 
 
 def flat_against_flat(cases: int) -> Floats:
@@ -268,13 +300,15 @@ def main(arguments: Sequence[str]) -> None:
         print("NGSolve is not installed: nothing to compare curved gels with")
         return
     for name, gel in (("dome, 0 to 35 degrees", DOME), ("wedge, 2 to 5 mm", WEDGE)):
-        rows = against_ngsolve(gel, cases, seed=2026)
-        for std_um, part in ((0, rows[:, :2]), (5, rows[:, 2:])):
-            middle, most = 100 * np.percentile(part[:, 0], [50, 95])
-            off = f"{middle:.2f} % (median), {most:.2f} % (95th)"
+        found = against_ngsolve(gel, cases, seed=2027, others=[tetrahedra(gel)])
+        for (mesh, rows), (um, k) in product(
+            zip(("hexahedra", "tetrahedra of 1 mm"), found.swapaxes(0, 1), strict=True), ((0, 0), (5, 2))
+        ):
+            middle, most = 100 * np.percentile(rows[:, k], [50, 95])
             print(
-                f"{name}, {std_um} um: resultant off by {off}, L2 of normal traction {np.median(part[:, 1]):.3f}"
+                f"{name}, {mesh}, {um} um: resultant off by {middle:.2f} % (median), {most:.2f} % (95th), ", end=""
             )
+            print(f"L2 of normal traction {np.median(rows[:, k + 1]):.3f}")
 
 
 def quick() -> None:

@@ -247,7 +247,7 @@ class ForceField:
             noise = np.concatenate([one.total.ravel()[found.cells] for one in seen.noise])
             errors[3 - parts :, found.cells] = found.cell_std(noise) * scale[patches.of_cells]
         if patches.compliance.surface is not None:
-            fields, errors = _in_picture(patches.compliance.surface, fields, errors)
+            _turn_to_picture(patches.compliance.surface, found.cells, fields, errors)
         if parts == 1:
             _forget_shear(fields, wrenches, every)
         total, covariance = wrenches.sum(axis=0), every.sum(axis=(0, 2))
@@ -295,12 +295,13 @@ def _forget_shear(fields: Floats, wrenches: Floats, covariance: Floats) -> None:
     covariance[:, unknown], covariance[..., unknown] = np.nan, np.nan
 
 
-def _in_picture(surface: SurfaceCells, fields: Floats, errors: Floats) -> tuple[Floats, Floats]:
-    """Return tractions (3, n) along the picture's axes, per area of the surface, from local ones; MPa."""
-    share, known = surface.facing, np.nan_to_num(errors)
-    turned = share * np.einsum("nai,an->in", surface.frames, fields)
-    spread = share * np.sqrt(np.einsum("nai,an->in", surface.frames**2, known**2))
-    return turned, np.where(np.isnan(errors[2]), np.nan, spread)
+def _turn_to_picture(surface: SurfaceCells, cells: Cells, fields: Floats, errors: Floats) -> None:
+    """Turn tractions (3, n) at `cells` from local axes to the picture's, per area of the surface; MPa."""
+    share, turn = surface.facing[cells], surface.frames[cells]
+    fields[:, cells] = share * np.einsum("nai,an->in", turn, fields[:, cells])
+    known = np.nan_to_num(errors[:, cells])
+    spread = share * np.sqrt(np.einsum("nai,an->in", turn**2, known**2))
+    errors[:, cells] = np.where(np.isnan(errors[2, cells]), np.nan, spread)
 
 
 def _on_surface(found: TractionMap, compliance: Compliance) -> TractionMap:

@@ -6,31 +6,28 @@ flat layer. Modulus 1 MPa.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.files.arrays import unpack_arrays
 from tactilevision.files.cache import kept
-from tactilevision.files.writing import pack_arrays
 from tactilevision.force.kernel import layer_cells
 from tactilevision.force.large_depth import WIDEST
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.gel.mesh import GelMesh
-from tactilevision.gel.solid import gel_mesh, geometry_key
+from tactilevision.gel.mesh_file import file_key, read_mesh
+from tactilevision.gel.shapes import shape_mesh
 from tactilevision.gel.surface import SurfaceCells, surface_cells
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
 
 Singles = npt.NDArray[np.float32]
-NAME, NPZ = "mesh-compliance", "made.npz"
-FIELDS = ("places_mm", "frames", "thickness_mm", "inside")
+NAME = "mesh-compliance"
 POISSON_STEP = 2e-3  # step in Poisson's ratio of the compliance's derivative, single precision
 MOST_CELLS = 4000  # cells of a view: the matrix of more takes over half a gigabyte
 MOST_DEEP = 0.8  # of the local thickness: a displacement beyond is not possible
@@ -83,7 +80,9 @@ class MeshCompliance:
         """Return the normal displacement (rows, columns), mm, everywhere that `traction` (3 or 1, C) makes."""
         count = self.inside.size
         places = self._places(cells, len(traction))
-        moved = self.table[2 * count :, places] @ traction.ravel().astype(np.float32)
+        moved = (
+            traction.ravel().astype(np.float32) @ self.table[places, 2 * count :]
+        )  # symmetric: rows are quicker
         return np.asarray(moved.reshape(self.grid.shape), dtype=np.float64)
 
     def _block(self, table: Singles, cells: Cells, parts: int) -> Floats:
@@ -125,9 +124,20 @@ def mesh_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, slopes: b
     """
 
     def mesh() -> GelMesh:
-        return gel_mesh(gel, grid.x_mm, grid.y_mm, spacing_mm=grid.spacing_mm)
+        if gel.shape != "mesh" or gel.mesh is None:
+            return shape_mesh(gel, grid.x_mm, grid.y_mm, spacing_mm=grid.spacing_mm)
+        sets = {"seen": gel.seen, "bonded": gel.bonded}
+        return read_mesh(gel.mesh, unit=gel.mesh_unit, **sets, thickness_mm=gel.thickness_mm)
 
-    return _made(mesh, geometry_key(gel), gel, grid, poisson_ratio, slopes)
+    return _made(mesh, _geometry_key(gel), gel, grid, poisson_ratio, slopes)
+
+
+def _geometry_key(gel: Gel) -> str:
+    """Return all that a gel's mesh depends on besides the cells: its geometry, or its file's content."""
+    outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, gel.thickness_ends_mm
+    inside = gel.curvature_mm, gel.base, gel.axis, gel.layers
+    file = None if gel.mesh is None else (file_key(gel.mesh), gel.mesh_unit, gel.seen, gel.bonded)
+    return repr((outline, inside, file))
 
 
 def compliance_of(
@@ -152,16 +162,28 @@ def _made(
             remedy="Give ForceSettings a wider spacing_mm, or read a part of the view.",
         )
 
-    def arrays(nu: float) -> Mapping[str, npt.NDArray[Any]]:
+    def arrays(nu: float) -> dict[str, npt.NDArray[Any]]:
         whole = key, grid.shape, grid.spacing_mm, round(nu, 9)
-        files = kept(NAME, whole, make=lambda: {NPZ: pack_arrays(_solved(mesh(), grid, nu), small=False)})
-        return unpack_arrays(files[NPZ], where=Path(NAME))
+        files = kept(NAME, whole, make=lambda: {n: one.tobytes() for n, one in _solved(mesh(), grid, nu).items()})
+        return {n: np.frombuffer(files[n], kind).reshape(shape) for n, (kind, shape) in forms.items()}
 
+    forms = _surface_forms(grid) | {"table": (np.float32, (3 * count,) * 2), "stiffness": (np.float64, ())}
     found, change = arrays(nu), None
     if slopes:
         change = (found["table"] - arrays(nu - POISSON_STEP)["table"]) / np.float32(POISSON_STEP)
-    surface = SurfaceCells(grid.shape, grid.spacing_mm, **{name: found[name] for name in FIELDS})
+    places = {name: found[name] for name in _surface_forms(grid)}
+    surface = SurfaceCells(grid.shape, grid.spacing_mm, **places, camera_mm=gel.camera_mm)
     return MeshCompliance(gel, nu, grid, surface, found["table"], change, float(found["stiffness"]))
+
+
+def _surface_forms(grid: NodeGrid) -> dict[str, tuple[type, tuple[int, ...]]]:
+    """Return the type and shape of the arrays of SurfaceCells, kept as bytes: copied once as they are read."""
+    count = grid.shape[0] * grid.shape[1]
+    places: dict[str, tuple[type, tuple[int, ...]]] = {
+        "places_mm": (np.float64, (count, 3)),
+        "frames": (np.float64, (count, 3, 3)),
+    }
+    return places | {"thickness_mm": (np.float64, (count,)), "inside": (np.bool_, grid.shape)}
 
 
 def _solved(mesh: GelMesh, grid: NodeGrid, nu: float) -> dict[str, npt.NDArray[Any]]:
@@ -174,7 +196,7 @@ def _solved(mesh: GelMesh, grid: NodeGrid, nu: float) -> dict[str, npt.NDArray[A
         table[:, :, :, n] = table[:, :, :, n] @ frame.T
     table *= np.float32(grid.cell_mm2)
     size = 3 * len(turn)
-    arrays = {name: getattr(surface, name) for name in FIELDS}
+    arrays = {name: getattr(surface, name) for name in _surface_forms(grid)}
     return arrays | {"table": table.reshape(size, size), "stiffness": np.array(mesh.seen_stiffness)}
 
 

@@ -103,14 +103,15 @@ def observe(
 def _along(surface: SurfaceCells, shear: list[Floats], depth: Floats, *, moved: bool) -> list[Floats]:
     """Return displacement along the local axes from `depth`, what the surface has moved along the camera's ray r.
 
-    With shear (u_x, u_y) depth is read where the material has gone, so u_z = depth + z0(x + u) - z0(x). Without it
-    only the normal part is measured, u.n = depth (r.n).
+    With shear v (2, rows, columns) depth is read where the material has gone, so u = (v, rise) + depth r with the
+    rise z0(x + v) - z0(x) and r there. Without it only the normal part is measured, u.n = depth (r.n).
     """
     if not shear:
-        return [depth * surface.facing.reshape(depth.shape)]
-    if moved:
-        depth = depth + surface.rise_mm(np.stack(shear))
-    return list(surface.local(np.stack([*shear, depth])))
+        return [depth * surface.local(np.broadcast_to(surface.rays(), (3, *depth.shape)))[2]]
+    if not moved:
+        return list(surface.local(np.stack([*shear, depth])))
+    along = np.stack([*shear, surface.rise_mm(np.stack(shear))])
+    return list(surface.local(along + depth * surface.rays(along)))
 
 
 def with_residual(seen: Observation, left_mm: Floats, far: Bools) -> Observation:

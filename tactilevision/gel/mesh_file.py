@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from tactilevision.errors import InputError, library
-from tactilevision.gel.elements import EDGES, HEX, Ints
+from tactilevision.gel.elements import EDGES, HEX, TET, Ints, volumes
 from tactilevision.gel.mesh import CORNERS, HEX_FACES, TET_FACES, GelMesh
+from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Bools, Floats
 
 MM = {"mm": 1.0, "m": 1e3, "inch": 25.4}  # in each unit of a mesh
@@ -28,6 +29,9 @@ CORNER = (0, 2, 8, 6, 18, 20, 26, 24)
 EDGE = (1, 5, 7, 3, 19, 23, 25, 21, 9, 11, 17, 15)
 # middles of faces, and of the element
 FACE = (12, 14, 10, 16, 4, 22, 13)
+# numbering of an element's mirror image, its first axis or edge turned round
+MIRRORED = {HEX: np.arange(27).reshape(9, 3)[:, ::-1].ravel(), TET: np.array([1, 0, 2, 3, 4, 7, 8, 5, 6, 9])}
+SHARPEST = 0.5  # rad between normals at the ends of an edge of a smooth surface
 VTK_TET10 = (0, 1, 2, 3, 4, 6, 7, 5, 8, 9)  # meshio's middles 01 12 02 03 13 23 as 01 02 03 12 13 23
 
 
@@ -66,7 +70,12 @@ def read_mesh(
                 value=", ".join(_names(content)) or "no sets at all",
                 remedy="Name the sets of the seen and the bonded surface with seen and bonded of [sensor.gel].",
             )
-    mesh = GelMesh(nodes, elements, _outer(elements, top), base, name=str(path))
+    if volumes(nodes[elements[:1]]).max() < 0:  # numbered for axes of the other hand, as after mirroring
+        elements = elements[:, MIRRORED[elements.shape[1]]]
+    faces = _outer(elements, top)
+    if SOLIDS[kind] in (4, 8) and len(faces):
+        nodes = nodes + _to_smooth(nodes, faces) + _to_smooth(nodes, _outer(elements, base))
+    mesh = GelMesh(nodes, elements, faces, base, name=str(path))
     mesh.check_closed()
     _check_size(mesh, thickness_mm, path, unit)
     return mesh
@@ -195,6 +204,33 @@ def _outer(elements: Ints, members: Bools) -> Ints:
     _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
     outer = faces[first[counts == 1]]
     return np.asarray(outer[members[outer].all(axis=1)])
+
+
+def _to_smooth(nodes: Floats, faces: Ints) -> Floats:
+    """Return the way (N, 3), mm, of the middles of straight edges to a smooth surface through their corners.
+
+    With unit normals n of the corners, means over the faces that meet there, and d along the edge, the middle
+    moves by n d.(n2 - n1)/8, the sagitta of an arc. An edge that turns by more than SHARPEST is one of the solid.
+    """
+    moved, corners = np.zeros_like(nodes), list(CORNERS[faces.shape[1]])
+    if not len(faces):
+        return moved
+    a, b, c = nodes[faces[:, corners[:3]]].swapaxes(0, 1)
+    across = np.cross(b - a, c - a)
+    normal = np.zeros_like(nodes)
+    np.add.at(normal, faces[:, corners], (across * np.sign(across[:, 2:]))[:, None])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), MICRO)
+    edges = (
+        ((3, 0, 1), (4, 0, 2), (5, 1, 2)) if len(corners) == 3 else ((1, 0, 2), (3, 0, 6), (5, 2, 8), (7, 6, 8))
+    )
+    for middle, *ends in edges:
+        first, last = faces[:, ends].T
+        turn = normal[last] - normal[first]
+        lift = ((nodes[last] - nodes[first]) * turn).sum(axis=1) / 8 * (np.linalg.norm(turn, axis=1) < SHARPEST)
+        moved[faces[:, middle]] = (normal[first] + normal[last]) / 2 * lift[:, None]
+    if len(corners) == 4:
+        moved[faces[:, 4]] = moved[faces[:, 1::2]].sum(axis=1) / 2
+    return moved
 
 
 def _check_size(mesh: GelMesh, thickness_mm: float | None, path: Path | str, unit: str) -> None:

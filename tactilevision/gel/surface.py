@@ -1,7 +1,8 @@
 """The seen surface of a gel in the cells of the picture: places, local axes, areas, thickness, and nodal shares.
 
-The rectified picture shows the surface along z, as parallel rays: pixel (x, y) is the point of the untouched
-surface at (x, y, z0(x, y)). A cell is the part of the surface over a square of the picture. Its load is a force
+Pixel (x, y) of the rectified picture is the point of the untouched surface at (x, y, z0(x, y)), whether rays are
+parallel to z or meet in the camera's pinhole at (0, 0, D), which sees that point at (x, y) D/(D - z0) in the
+plane z = 0. A cell is the part of the surface over a square of the picture. Its load is a force
 per area of the picture, s = t dA/(dx dy), so the nodal shares of a unit load are means of shape functions over it,
 
     b_n = mean of N_n over the square,
@@ -16,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from tactilevision.errors import InputError
@@ -36,7 +37,7 @@ class SurfaceCells:
 
     `places_mm` (n, 3) of the middles; `frames` (n, 3, 3), rows the local axes t1, t2 along the surface and the
     normal into the gel; `thickness_mm` (n,) the distance to the bonded surface; `inside` (rows, columns) the cells
-    wholly on the gel.
+    wholly on the gel. `camera_mm` is the pinhole's distance D, None for parallel rays.
     """
 
     shape: tuple[int, int]
@@ -45,10 +46,11 @@ class SurfaceCells:
     frames: Floats = field(repr=False)
     thickness_mm: Floats = field(repr=False)
     inside: Bools = field(repr=False)
+    camera_mm: float | None = None
 
     @property
     def facing(self) -> Floats:
-        """Return the normal's part along the camera's ray (n,), 1 where the surface faces the camera."""
+        """Return the normal's part along z (n,), 1 where the surface is parallel to the picture."""
         return np.asarray(self.frames[:, 2, 2])
 
     @property
@@ -62,18 +64,35 @@ class SurfaceCells:
         return self.places_mm[:, 2].reshape(self.shape)
 
     @cached_property
-    def _spline(self) -> Floats:
-        return np.asarray(spline_filter(self.depth_mm, mode="nearest"))
+    def _slope(self) -> tuple[Floats, Floats]:
+        """Return dz0/dx_i (2, rows, columns), and d2z0/dx_i dx_k (2, 2, rows, columns), 1/mm."""
+        slope = (-self.frames[:, 2, :2] / self.frames[:, 2, 2:]).T.reshape(2, *self.shape)
+        along, down = (np.gradient(slope, self.spacing_mm, axis=axis) for axis in (2, 1))
+        return slope, np.stack([along, down])
 
     def rise_mm(self, shift_mm: Floats) -> Floats:
-        """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, along x and y."""
-        steps = np.indices(self.shape) + shift_mm[::-1] / self.spacing_mm
-        there = map_coordinates(self._spline, steps, prefilter=False, mode="nearest")
-        return np.asarray(there - self.depth_mm)
+        """Return z0(x + u) - z0(x) (rows, columns), mm, at a shift u (2, rows, columns), mm, to second order."""
+        slope, bend = self._slope
+        return np.asarray((shift_mm * (slope + (bend * shift_mm).sum(axis=1) / 2)).sum(axis=0))
+
+    def rays(self, shift_mm: Floats | float = 0.0) -> Floats:
+        """Return unit vectors (3, rows, columns) to the camera from where the surface is at x + u.
+
+        `shift_mm` u (3, rows, columns), mm, lies along the surface.
+        """
+        if self.camera_mm is None:
+            return np.array([0.0, 0.0, 1.0])[:, None, None]
+        to = np.array([0.0, 0.0, self.camera_mm])[:, None, None] - self.places_mm.T.reshape(3, *self.shape)
+        to = to - shift_mm
+        return np.asarray(to / np.linalg.norm(to, axis=0))
 
     def local(self, moved_mm: Floats) -> Floats:
         """Return displacement (3, rows, columns), mm, along the local axes."""
-        return np.asarray(np.einsum("nij,jn->in", self.frames, moved_mm.reshape(3, -1)).reshape(moved_mm.shape))
+        return np.asarray((self._turn * moved_mm.reshape(3, -1)).sum(axis=1).reshape(moved_mm.shape))
+
+    @cached_property
+    def _turn(self) -> Floats:
+        return np.ascontiguousarray(self.frames.transpose(1, 2, 0))
 
 
 def surface_cells(

@@ -123,6 +123,7 @@ class GelSettings(_Settings):
     mesh_unit: Literal["mm", "m", "inch"] = "mm"
     seen: Text = "seen"
     bonded: Text = "bonded"
+    camera_mm: Positive | None = None
 
     @model_validator(mode="after")
     def _outline(self) -> Self:

@@ -37,7 +37,8 @@ class Gel:
     the surface at a constant thickness ("curved"), or is "flat". A wedge has `thickness_ends_mm` at its sides of
     smaller and greater coordinate, and is straight along its `axis`. `layers` are listed from the seen surface
     inward; the last one fills the rest. A "mesh" is read from the file `mesh` in `mesh_unit`, with the sets `seen`
-    and `bonded`.
+    and `bonded`. `camera_mm` is the distance of the camera's pinhole, on the axis x = y = 0, from z = 0; None for
+    parallel rays. A flat gel does not use it.
 
     Raises InputError for a shape without its size, or one that is not known.
     """
@@ -60,6 +61,7 @@ class Gel:
     mesh_unit: Literal["mm", "m", "inch"] = "mm"
     seen: str = "seen"
     bonded: str = "bonded"
+    camera_mm: float | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -5,6 +5,7 @@ Against another library: test_against_ngsolve in this folder and benchmarks.forc
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,6 +15,7 @@ from tactilevision.errors import InputError
 from tactilevision.force.calibrated import modulus_of
 from tactilevision.force.field import NO_CONTACT, NO_SHEAR, ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance
+from tactilevision.force.observe import observe
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
@@ -90,6 +92,42 @@ def test_young_modulus_of_a_curved_gel_follows_from_a_force_sensor_on_its_own_me
     assert std < 1e-9
     with pytest.raises(InputError, match="two frames"):
         modulus_of(forces * np.nan, 0.2, forces)
+
+
+def test_a_dome_seen_by_a_pinhole_moves_along_its_rays_and_the_slope_of_the_border_counts() -> None:
+    made, camera = field().compliance, np.array([0.0, 0.0, 15.0])[:, None, None]
+    assert isinstance(made, MeshCompliance)
+    x, y = np.meshgrid(*(0.125 * (np.arange(n) - (n - 1) / 2) for n in SHAPE[::-1]))
+
+    def on_dome(x: Floats, y: Floats) -> Floats:
+        return np.stack([x, y, 6 - np.sqrt(np.maximum(36 - x**2 - y**2, 1))])
+
+    def motion(x: Floats, y: Floats) -> Floats:
+        return np.exp(-((x - 3) ** 2 + y**2) / 3) * np.array([0.06, -0.03, 0.12])[:, None, None]
+
+    def met(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Where the dome lies on the camera's ray to the moved point, and how far before it, mm."""
+        to = on_dome(x, y) + motion(x, y) - camera
+        ray = to / (size := np.linalg.norm(to, axis=0))
+        from_centre = camera - np.array([0.0, 0.0, 6.0])[:, None, None]
+        half = (ray * from_centre).sum(axis=0)
+        far = -half + np.sqrt(half**2 - (from_centre**2).sum(axis=0) + 36)
+        return (camera + far * ray)[:2], far - size
+
+    from_x, from_y = x, y
+    for _ in range(30):
+        here = met(from_x, from_y)[0]
+        from_x, from_y = from_x + x - here[0], from_y + y - here[1]
+    inside = x**2 + y**2 < 19
+    height = HeightMap(met(from_x, from_y)[1], inside, SCALE, std_mm=np.full(SHAPE, 1e-6))
+    shear = ShearMap(*(met(x, y)[0] - [x, y]), inside, SCALE, std_mm=1e-6)
+    grid = made.grid
+    truth = made.surface.local(motion(*np.meshgrid(grid.x_mm, grid.y_mm)))
+    off = []
+    for seen in (replace(made.surface, camera_mm=15.0), made.surface):
+        both = observe(grid, height, shear, inside=made.inside, away_mm=1.0, surface=seen)
+        off.append(np.abs(both.displacement_mm - truth)[:, both.known].max())
+    assert off[0] < 2e-3 < 0.01 < off[1]
 
 
 def test_a_map_deeper_than_the_gel_or_marked_beside_it_is_refused() -> None:
