@@ -61,14 +61,18 @@ class Indenter:
     turn_per_mm: float
     centre_mm: Pair
 
-    def relief(self, r: Floats) -> Floats:
-        """Height of the face above its lowest point at r mm from the axis, to be pressed in by `depth_mm`."""
-        a, w = self.radius_mm, self.depth_mm
+    def relief(self, x: Floats, y: Floats) -> Floats:
+        """Height of the face above its lowest point at x, y mm from the axis, to be pressed in by `depth_mm`."""
+        a, w, r = self.radius_mm, self.depth_mm, np.hypot(x, y)
         if self.kind == "ball":
             return np.asarray(0.55 * w * (r / a) ** 2)
         if self.kind == "rounded punch":
             return np.asarray(0.4 * w * np.clip(r / a - 0.6, 0, None) ** 2 / 0.16)
-        return np.where(r <= a, 0.0, np.inf)
+        if self.kind == "two contacts":
+            return np.asarray(0.55 * w * ((np.abs(x) / a - 0.6) ** 2 + (y / a) ** 2) / 0.16)
+        if self.kind == "star":
+            return np.where(r <= a * (0.65 + 0.35 * np.cos(5 * np.arctan2(y, x))), 0.0, np.inf)
+        return np.where((r <= a) & (r >= (0.6 * a if self.kind == "ring" else 0.0)), 0.0, np.inf)
 
 
 def draw(rng: np.random.Generator, kind: str, view: View, *, stuck: bool = False) -> Indenter:
@@ -144,7 +148,7 @@ class Contact:
     def __init__(self, layer: Layer, one: Indenter, creeps: float) -> None:
         self.layer, self.one, self.creeps = layer, one, creeps
         self.row, self.column, x, y = layer.points(one)
-        self.moved, self.relief = layer.product(self.row, self.column), one.relief(np.hypot(x, y))
+        self.moved, self.relief = layer.product(self.row, self.column), one.relief(x, y)
         self.press, self.curve = Press(layer.normal(self.row, self.column)), _largest(self.moved, len(x))
         turn = one.turn_per_mm
         self.ahead = np.stack([np.cos(one.direction) - turn * y, np.sin(one.direction) + turn * x])

@@ -37,11 +37,11 @@ from tactilevision.records.wrench import Slip
 IMMINENT = 0.7  # of the limiting force; benchmarks.slip
 HALF = 0.6  # of the limiting force: a contact may be below it unless that is unlikely
 DOUBT = 0.05  # probability that is no longer unlikely
-LEVELS = np.linspace(0.0, 1.0, 11)  # share of the cells that slip; the first is when the first one does
+LEVELS = np.linspace(0.0, 1.0, 21)  # share of the cells that slip; at the first one the first cell is about to
 FIRST = 0.05  # of the sticking cells may be beyond friction: those are noise of the pressure
 MODEL = 0.05  # of the motion: error of a cell's prediction; chosen on 100 contacts of seed 7
 MIN_CELLS, MIN_INNER = 12, 5  # of a patch, and inside its outermost ring: fewer have no inside
-LEAST_MOTION = 3.0  # deviations of a cell: less motion has no direction
+LEAST_MOTION = 0.05  # of the depth: less has no direction
 
 TOO_SMALL = "too few cells to see slip"
 STILL = "moved too little to see slip"
@@ -67,19 +67,19 @@ def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
     if np.count_nonzero(inner) < MIN_INNER:
         return Slip(why=TOO_SMALL)
     grid, noise = patches.grid, patches.seen.noise[0]
-    moved = patches.seen.displacement_mm.reshape(3, -1)[:2, cells]
+    *_, depth_mm = moved = patches.seen.displacement_mm.reshape(3, -1)[:, cells]
     place = np.stack([grid.x_mm[column], grid.y_mm[row]])
     place -= (place @ pressure / pressure.sum())[:, None]
-    mean = moved[:, inner] @ pressure[inner] / pressure[inner].sum()
+    mean = moved[:2, inner] @ pressure[inner] / pressure[inner].sum()
     motion = float(np.hypot(*mean))
-    if motion < LEAST_MOTION * float(noise.total.flat[cells[0]]):
+    if motion < LEAST_MOTION * depth_mm.max():
         return Slip(why=STILL)
     shares, reach_mm, follow = _family(_along(patches, cells, mean / motion), pressure)
     alike = likeness(noise.length_mm / grid.spacing_mm, max(grid.shape))
     down, across = (alike[np.abs(np.subtract.outer(k, k))] for k in (row[inner], column[inner]))
     spread = float(noise.slow.flat[cells[0]]) ** 2 * down * across
     spread.flat[:: len(spread) + 1] += float(noise.white.flat[cells[0]]) ** 2 + (MODEL * motion) ** 2
-    misfit, moves_mm = _fits(moved[:, inner], place[:, inner], follow[:, inner], spread)
+    misfit, moves_mm = _fits(moved[:2, inner], place[:, inner], follow[:, inner], spread)
     likely = np.exp(-(misfit - misfit.min()) / 2 / max(1.0, misfit.min() / (2 * len(spread))))
     likely /= likely.sum()
     frictions = moves_mm / reach_mm
