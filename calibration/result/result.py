@@ -15,11 +15,10 @@ from calibration.fit.least_squares import Fit, r_squared
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
 from tactilevision.errors import library
-from tactilevision.force.calibrated import REACH
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.display import Displayed, Summary, figure, mN
-from tactilevision.records.measured import Estimate, Material, Pair
+from tactilevision.records.measured import REACH, Estimate, Material, Pair
 from tactilevision.records.rig import Gel
 
 if TYPE_CHECKING:

@@ -16,12 +16,11 @@ from tactilevision.force.field import ForceField
 from tactilevision.force.mesh_compliance import MeshCompliance
 from tactilevision.records.constants import MICRO, NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
-from tactilevision.records.measured import Floats, Material
+from tactilevision.records.measured import REACH, Floats, Material
 from tactilevision.records.rig import Gel
 
 SAME_GEL = 0.01  # of the thickness: largest difference of one gel
 TOGETHER = "both together"  # E and nu varied by their covariance
-REACH = ("deepest_mm", "fastest_mm_s")  # keys of the presses that a calibration rests on
 _UNITS = {"youngs_modulus_MPa": ("MPa",), "poisson_ratio": ("1", "")}  # as `calibrate` writes them
 
 

@@ -40,7 +40,8 @@ DOUBT = 0.05  # probability that is no longer unlikely
 LEVELS = np.linspace(0.0, 1.0, 21)  # share of the cells that slip; at the first one the first cell is about to
 FIRST = 0.05  # of the sticking cells may be beyond friction: those are noise of the pressure
 MODEL = 0.05  # of the motion: error of a cell's prediction; chosen on 100 contacts of seed 7
-MIN_CELLS, MIN_INNER = 12, 5  # of a patch, and inside its outermost ring: fewer have no inside
+MIN_CELLS = 12  # of a patch: fewer have no inside
+MIN_INNER = 5  # of them inside the outermost ring
 LEAST_MOTION = 0.05  # of the depth: less has no direction
 
 TOO_SMALL = "too few cells to see slip"
@@ -143,13 +144,15 @@ def _fits(moved: Floats, place: Floats, follow: Floats, spread: Floats) -> tuple
     columns = np.concatenate([moved, place, follow, follow * place[0], follow * place[1]])
     white = solve_triangular(np.linalg.cholesky(spread), columns.T, lower=True).T
     ahead, by_x, by_y = white[4:].reshape(3, count, -1)
-    seen, none = white[:2].ravel(), np.zeros_like(ahead)
-    forms = np.stack([
-        np.concatenate([ahead, none], axis=1),
-        np.concatenate([none, ahead], axis=1),
-        np.concatenate([-by_y, by_x], axis=1),
-        np.broadcast_to(white[2:4].ravel(), (count, 2 * len(spread))),
-    ], axis=1)  # fmt: skip
+    seen, forms = white[:2].ravel(), np.zeros((count, 4, 2, len(spread)))  # along x, along y, turn, spread
+    forms[:, 0, 0], forms[:, 1, 1], forms[:, 2, 0], forms[:, 2, 1], forms[:, 3] = (
+        ahead,
+        ahead,
+        -by_y,
+        by_x,
+        white[2:4],
+    )
+    forms = forms.reshape(count, 4, -1)
     right = forms @ seen
     fit = np.linalg.solve(forms @ forms.transpose(0, 2, 1), right[..., None])[..., 0]
     return np.asarray(seen @ seen - (right * fit).sum(axis=1)), np.hypot(fit[:, 0], fit[:, 1])

@@ -99,6 +99,9 @@ class Curve:
         return Curve(self.press, *kept, z_mm, extra)
 
 
+REACH = ("deepest_mm", "fastest_mm_s")  # of the presses that a material was measured on
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """A linear elastic, isotropic gel. `covariance` (2, 2) is of (youngs_modulus_MPa, poisson_ratio).

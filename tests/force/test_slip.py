@@ -11,6 +11,7 @@ from benchmarks.force_cases import Forward, at_camera
 from benchmarks.slip import GEL, LINEAR, MATERIAL, VIEW, WIDEST_MM
 from benchmarks.stick_slip import STUCK, Indenter, Layer, Step, load
 from tactilevision.force.field import ForceField
+from tactilevision.force.slip import IMMINENT
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.wrench import PATCH_COLUMNS, Slip
 
@@ -48,7 +49,7 @@ def test_friction_and_load_share_of_a_ball_are_those_put_in(field: ForceField) -
         assert found.load_share == pytest.approx(state.share, abs=0.06)
         force = np.hypot(*state.traction[:2].sum(axis=(1, 2))) * VIEW.mm_per_px**2
         assert found.margin_N == pytest.approx(force * (1 / state.share - 1), abs=0.08 * force)
-        assert found.imminent == (found.load_share > 0.75)
+        assert found.imminent == (found.load_share > IMMINENT)
 
 
 def test_a_ball_that_sticks_is_not_flagged_though_its_edge_has_a_large_ratio(field: ForceField) -> None:
@@ -58,7 +59,7 @@ def test_a_ball_that_sticks_is_not_flagged_though_its_edge_has_a_large_ratio(fie
 
 def test_a_flat_face_below_half_the_limit_is_not_flagged(field: ForceField) -> None:
     found = [read(field, state) for state in states("flat punch", 0.8) if 0 < state.share < 0.5]
-    assert not any(one.imminent or one.load_share > 0.75 for one in found)
+    assert not any(one.imminent or one.load_share > IMMINENT for one in found)
 
 
 def test_noise_as_large_as_the_motion_cannot_tell(field: ForceField) -> None:
