@@ -124,7 +124,8 @@ def _family(along: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:
     sticks = np.arange(count) < held[:, None]
     by_motion = (sticks * inverse.sum(axis=1)) @ inverse
     by_slip = (sticks * ((~sticks * limit) @ factor)) @ inverse
-    reaches = np.divide(limit + by_slip, by_motion, out=np.full(sticks.shape, np.inf), where=sticks)
+    known = sticks & (by_motion > 0)
+    reaches = np.divide(limit + by_slip, by_motion, out=np.full(sticks.shape, np.inf), where=known)
     reach = np.sort(reaches, axis=1)[np.arange(len(LEVELS)), (FIRST * held).astype(np.intp)]
     reach[-1] = 0.0  # all slip: no cell follows the indenter, and the one that moves most stands for it
     tau = np.where(sticks, reach[:, None] * by_motion - by_slip, limit)
@@ -145,13 +146,8 @@ def _fits(moved: Floats, place: Floats, follow: Floats, spread: Floats) -> tuple
     white = solve_triangular(np.linalg.cholesky(spread), columns.T, lower=True).T
     ahead, by_x, by_y = white[4:].reshape(3, count, -1)
     seen, forms = white[:2].ravel(), np.zeros((count, 4, 2, len(spread)))  # along x, along y, turn, spread
-    forms[:, 0, 0], forms[:, 1, 1], forms[:, 2, 0], forms[:, 2, 1], forms[:, 3] = (
-        ahead,
-        ahead,
-        -by_y,
-        by_x,
-        white[2:4],
-    )
+    forms[:, 0, 0] = forms[:, 1, 1] = ahead
+    forms[:, 2, 0], forms[:, 2, 1], forms[:, 3] = -by_y, by_x, white[2:4]
     forms = forms.reshape(count, 4, -1)
     right = forms @ seen
     fit = np.linalg.solve(forms @ forms.transpose(0, 2, 1), right[..., None])[..., 0]
