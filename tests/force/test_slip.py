@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.force_cases import Forward, at_camera
 from benchmarks.slip import GEL, LINEAR, MATERIAL, VIEW, WIDEST_MM
-from benchmarks.stick_slip import STUCK, Indenter, Layer, Step, load
+from benchmarks.stick_slip import STUCK, Hold, Indenter, Layer, Step, load
 from tactilevision.force.field import ForceField
 from tactilevision.force.slip import IMMINENT
 from tactilevision.records.maps import HeightMap, ShearMap
@@ -55,6 +55,16 @@ def test_friction_and_load_share_of_a_ball_are_those_put_in(field: ForceField) -
 def test_a_ball_that_sticks_is_not_flagged_though_its_edge_has_a_large_ratio(field: ForceField) -> None:
     found = [read(field, state) for state in states("ball", STUCK)[1:]]
     assert not any(one.imminent for one in found)
+
+
+def test_gel_that_creeps_under_a_held_ball_is_no_slip(field: ForceField) -> None:
+    held, ball = (
+        Hold(0.3, by_force=True, relaxes=0.3, steps=2, step=2.0),
+        Indenter("ball", 2.0, 0.2, STUCK, 0.4, 0, (0, 0)),
+    )
+    *_, before, _, after = load(LAYER, ball, held)
+    assert after.moved_mm > 1.1 * before.moved_mm, "the gel gives way"
+    assert not any(read(field, one).imminent for one in (before, after))
 
 
 def test_a_flat_face_below_half_the_limit_is_not_flagged(field: ForceField) -> None:
