@@ -8,6 +8,11 @@ each step of the load is a quadratic problem under friction cones,
 A the tangential compliance, d the rigid motion of the indenter in the step, solved by accelerated projected
 gradients (Nesterov); pressures p >= 0 by an active set. A point that sticks moves with the indenter from where the
 gel was when they met, so pressing leaves shear behind.
+
+A gel that creeps answers with the compliance J(t) = 1 + c (1 - exp(-t/T)) times its own, c = g/(1 - g), where g of
+the force relaxes at rest. Its memory m is a traction, implicit in a step of time s, with w = s/(s + T):
+
+    u = C (J_s t + (1 - w) m_old),    m = (1 - w) m_old + w c t,    J_s = 1 + c w
 """
 
 from __future__ import annotations
@@ -56,14 +61,18 @@ class Indenter:
     turn_per_mm: float
     centre_mm: Pair
 
-    def relief(self, r: Floats) -> Floats:
-        """Height of the face above its lowest point at r mm from the axis, to be pressed in by `depth_mm`."""
-        a, w = self.radius_mm, self.depth_mm
+    def relief(self, x: Floats, y: Floats) -> Floats:
+        """Height of the face above its lowest point at x, y mm from the axis, to be pressed in by `depth_mm`."""
+        a, w, r = self.radius_mm, self.depth_mm, np.hypot(x, y)
         if self.kind == "ball":
             return np.asarray(0.55 * w * (r / a) ** 2)
         if self.kind == "rounded punch":
             return np.asarray(0.4 * w * np.clip(r / a - 0.6, 0, None) ** 2 / 0.16)
-        return np.where(r <= a, 0.0, np.inf)
+        if self.kind == "two contacts":
+            return np.asarray(0.55 * w * ((np.abs(x) / a - 0.6) ** 2 + (y / a) ** 2) / 0.16)
+        if self.kind == "star":
+            return np.where(r <= a * (0.65 + 0.35 * np.cos(5 * np.arctan2(y, x))), 0.0, np.inf)
+        return np.where((r <= a) & (r >= (0.6 * a if self.kind == "ring" else 0.0)), 0.0, np.inf)
 
 
 def draw(rng: np.random.Generator, kind: str, view: View, *, stuck: bool = False) -> Indenter:
@@ -119,37 +128,84 @@ class Layer:
         return moved
 
 
-SIDE, DOWN = slice(0, 2), slice(2, 3)
+SIDE, DOWN, ALL = slice(0, 2), slice(2, 3), slice(0, 3)
 
 
-def load(layer: Layer, one: Indenter) -> Iterator[Step]:
-    """States while it is sheared, from pressed to sliding."""
-    row, column, x, y = layer.points(one)
-    moved, relief = layer.product(row, column), one.relief(np.hypot(x, y))
-    press = Press(layer.normal(row, column))
-    curve = _largest(moved, len(row))
-    p, t = np.zeros(len(row)), np.zeros((2, len(row)))
+@dataclass(frozen=True)
+class Hold:
+    """A stop at `share` of the limit, by force (`by_force`) or in place: `relaxes` g, and steps of s/T time."""
 
-    def advance(depth_mm: float, rigid: Floats) -> float:
-        nonlocal p, t
-        before, p = p, press(depth_mm - relief - moved(t, SIDE, DOWN)[0])
-        aim = moved(t, SIDE, SIDE) + moved((before - p)[None], DOWN, SIDE) + rigid
-        t = _held(moved, aim, one.friction * p, t, curve)
-        lag = np.hypot(*(aim - moved(t, SIDE, SIDE)))
-        return float(np.mean(lag[p > 0] > 0.01 * max(float(np.abs(rigid).max()), 1e-9)))
+    share: float
+    by_force: bool
+    relaxes: float
+    steps: int = 6
+    step: float = 0.5
 
+
+class Contact:
+    """Tractions `t` (3, n) of a contact, and where its gel is, through the steps of a load."""
+
+    def __init__(self, layer: Layer, one: Indenter, creeps: float) -> None:
+        self.layer, self.one, self.creeps = layer, one, creeps
+        self.row, self.column, x, y = layer.points(one)
+        self.moved, self.relief = layer.product(self.row, self.column), one.relief(x, y)
+        self.press, self.curve = Press(layer.normal(self.row, self.column)), _largest(self.moved, len(x))
+        turn = one.turn_per_mm
+        self.ahead = np.stack([np.cos(one.direction) - turn * y, np.sin(one.direction) + turn * x])
+        self.t, self.memory, self.were = np.zeros((3, len(x))), np.zeros((3, len(x))), np.zeros((2, len(x)))
+
+    @property
+    def push(self) -> float:
+        """Tangential force, in units of the area of a point."""
+        return float(np.hypot(*self.t[:2].sum(axis=1)))
+
+    def stuck(self) -> float:
+        """Tangential force for 1 mm of motion if nothing slipped, in the same unit."""
+        hold = np.where(self.t[2] > 0, np.inf, 0.0)
+        return float(np.hypot(*_held(self.moved, self.ahead, hold, self.t[:2], self.curve).sum(axis=1)))
+
+    def advance(self, depth_mm: float, motion_mm: float, step: float = 0.1) -> float:
+        """Go to a depth and on by a motion, in a time; return the share of the area that slips."""
+        moved, w, rigid = self.moved, step / (1 + step), motion_mm * self.ahead
+        softer, old = 1 + self.creeps * w, moved((1 - w) * self.memory, ALL, ALL)
+        t = np.empty_like(self.t)
+        t[2] = self.press((depth_mm - self.relief - old[2]) / softer - moved(self.t[:2], SIDE, DOWN)[0])
+        by_pressure = moved(t[2:], DOWN, SIDE)
+        aim = (self.were + rigid - old[:2]) / softer - by_pressure
+        t[:2] = _held(moved, aim, self.one.friction * t[2], self.t[:2], self.curve)
+        by_shear = moved(t[:2], SIDE, SIDE)
+        self.were = softer * (by_shear + by_pressure) + old[:2]
+        self.t, self.memory = t, (1 - w) * self.memory + w * self.creeps * t
+        lag = np.hypot(*(aim - by_shear))
+        return float(np.mean(lag[t[2] > 0] > 0.01 * max(float(np.abs(rigid).max()), 1e-9)))
+
+    def state(self, sliding: float, moved_mm: float) -> Step:
+        """What it is now; of a gel that creeps, the tractions that an elastic one would need for its place."""
+        view = self.layer.view
+        fields = np.zeros((3, *(n * view.fine for n in view.shape)))
+        fields[:, self.row, self.column] = self.t + self.memory
+        return Step(fields, self.push / (self.one.friction * float(self.t[2].sum())), sliding, moved_mm)
+
+
+def load(layer: Layer, one: Indenter, hold: Hold | None = None) -> Iterator[Step]:
+    """States while it is sheared, from pressed to sliding, or to a hold and through it."""
+    contact = Contact(layer, one, hold.relaxes / (1 - hold.relaxes) if hold else 0.0)
     for k in range(1, PRESS + 1):
-        advance(one.depth_mm * k / PRESS, np.zeros_like(t))
-    ahead = np.stack([np.cos(one.direction) - one.turn_per_mm * y, np.sin(one.direction) + one.turn_per_mm * x])
-    limit = min(one.friction, 1.0) * p.sum()
-    stuck = _held(moved, ahead, np.where(p > 0, np.inf, 0.0), t, curve)
-    reach = REACH * limit / float(np.hypot(*stuck.sum(axis=1)))
+        contact.advance(one.depth_mm * k / PRESS, 0.0)
+    limit, stuck = min(one.friction, 1.0) * float(contact.t[2].sum()), contact.stuck()
+    step, at, depth = REACH * limit / stuck / SHEAR, 0.0, one.depth_mm
     for k in range(SHEAR + 1):
-        sliding = 0.0 if k == 0 else advance(one.depth_mm, ahead * reach / SHEAR)
-        fields = np.zeros((3, *(n * layer.view.fine for n in layer.view.shape)))
-        fields[:, row, column] = *t, p
-        share = float(np.hypot(*t.sum(axis=1)) / (one.friction * p.sum()))
-        yield Step(fields, share, sliding, reach * k / SHEAR)
+        at = k * step
+        yield contact.state(contact.advance(depth, step) if k else 0.0, at)
+        if hold and contact.push >= hold.share * limit:
+            break
+    pushed, pressed = contact.push, contact.t[2].sum()
+    for _ in range(hold.steps if hold else 0):
+        assert hold is not None
+        more = (pushed - contact.push) / stuck if hold.by_force else 0.0
+        depth *= float(np.sqrt(pressed / contact.t[2].sum())) if hold.by_force else 1.0
+        at += more
+        yield contact.state(contact.advance(depth, more, hold.step), at)
 
 
 class Press:

@@ -18,7 +18,7 @@ from tactilevision.errors import library
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.display import Displayed, Summary, figure, mN
-from tactilevision.records.measured import Estimate, Material, Pair
+from tactilevision.records.measured import REACH, Estimate, Material, Pair
 from tactilevision.records.rig import Gel
 
 if TYPE_CHECKING:
@@ -181,6 +181,13 @@ class CalibrationResult(Displayed, Identified):
         E, nu = self.youngs_modulus.value, self.poisson_ratio.value
         return None if E is None or nu is None else Material(E, min(nu, NU_MAX), self.covariance[:2, :2])
 
+    def _reach(self) -> dict[str, float | None]:
+        """Return the depth of the deepest press and the speed of the fastest one, None where not recorded."""
+        data = self.fitted.data
+        speeds = data.presses.speed_mm_s[np.isfinite(data.presses.speed_mm_s)]
+        fastest = float(speeds.max()) if speeds.size else None
+        return dict(zip(REACH, (float(np.max(data.depth_mm)), fastest), strict=True))
+
     def as_json(self) -> dict[str, Any]:
         """Return the content of calibration.json."""
         gel = self.fitted.data.gel
@@ -215,6 +222,7 @@ class CalibrationResult(Displayed, Identified):
             "presses_accepted": list(self.presses_accepted),
             "presses_rejected": [{"press": press, "reason": reason} for press, reason in self.presses_rejected],
             "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
+            "calibrated": self._reach(),
             "effects": list(self.fitted.model.keys),
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
@@ -292,7 +300,7 @@ def unfixed_as_json(
         "beta": _open("1", why),
         "reduced_modulus_MPa": _open("MPa", why),
         **{name: [] for name in ("youngs_modulus_of_nu", "poisson_ratio_routes", "by_radius", "effects")},
-        **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT, "model_test")),
+        **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT, "model_test", "calibrated")),
         "interval95_from_data": {"youngs_modulus_MPa": None, "poisson_ratio": None},
         "clock_offset_s": (clock_offset or NO_CLOCK).as_json(),
         "presses_accepted": [point.press for point in points if point.accepted],

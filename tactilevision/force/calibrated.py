@@ -16,7 +16,7 @@ from tactilevision.force.field import ForceField
 from tactilevision.force.mesh_compliance import MeshCompliance
 from tactilevision.records.constants import MICRO, NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
-from tactilevision.records.measured import Floats, Material
+from tactilevision.records.measured import REACH, Floats, Material
 from tactilevision.records.rig import Gel
 
 SAME_GEL = 0.01  # of the thickness: largest difference of one gel
@@ -71,8 +71,10 @@ def material_of(content: Mapping[str, Any], *, where: object) -> Material:
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
     check_numbers(covariance, what="the covariance of E and nu", where=where)
+    reach = content.get("calibrated")
+    ends = (number(reach.get(key), what=key, where=where) if isinstance(reach, dict) else None for key in REACH)
     try:
-        return Material(modulus, NU_MAX if NU_MAX < poisson <= 0.5 else poisson, covariance)
+        return Material(modulus, NU_MAX if NU_MAX < poisson <= 0.5 else poisson, covariance, False, *ends)
     except InputError as fault:
         raise InputError(fault.what, where=where, value=fault.value, remedy=fault.remedy) from fault
 

@@ -62,6 +62,8 @@ NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 ASSUMED = "material_assumed"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
+DEEP = "deeper than the presses of the calibration: theory alone tells how much stiffer the gel is"
+BEYOND = 1.1  # of the deepest and the fastest press: less is their own error
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +131,8 @@ class ForceField:
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
         flags += [CUT] if is_cut(grid, found, seen) else []
         flags += [ASSUMED] if self.material.assumed else []
+        deepest = self.material.deepest_mm
+        flags += [DEEP] if deepest and self._depth(seen, found) > BEYOND * deepest else []
         return self._report(find_patches(compliance, seen, found, left), height, tuple(flags))
 
     def _prepared(self, height: HeightMap) -> Compliance:
@@ -256,7 +260,7 @@ class ForceField:
         numbers.flat[found.cells] = patches.of_cells + 1
         return replace(
             whole,
-            depth_mm=float(seen.displacement_mm[-1].ravel()[found.cells].max()),
+            depth_mm=self._depth(seen, found),
             model_std_N=float(np.sqrt(model[:, 2, 2].sum())),
             patch_map=numbers,
             patches=tuple(
@@ -264,6 +268,10 @@ class ForceField:
                 for one, slip in zip(patches.records(wrenches, every), find_slip(patches, scale), strict=True)
             ),
         )
+
+    @staticmethod
+    def _depth(seen: Observation, found: Solution) -> float:
+        return float(seen.displacement_mm[-1].ravel()[found.cells].max())
 
     def _stiffening(self, patches: Patches) -> tuple[Floats, Floats]:
         """Return the factor (P,) on the linear tractions, and its relative deviation, by friction and by depth."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from tactilevision.files.writing import remove, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, read_frames, settle, write_frame
 from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import CUT, NO_CONTACT, ForceField
+from tactilevision.force.field import BEYOND, CUT, NO_CONTACT, ForceField
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.force.patches import PatchTracker
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -98,6 +99,9 @@ class TractionStore:
 
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
+FAST = "faster than the presses of the calibration: the gel answers stiffer"
+RATE_S = 0.2  # over which a rate is taken
+RATE_MM = 0.03  # error of a change of depth
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
 JOURNAL = ".force-journal"
 
@@ -173,7 +177,8 @@ class ForceJob:
         covariance = None if material.covariance is None else material.covariance.tolist()
         follows = self.untouched is not None and self.untouched.shows
         return (self.store, material.youngs_modulus_MPa, material.poisson_ratio, covariance, self.field.settings,
-                self.field.gel, follows, self.anchor.depth_scale, self.reconstructor.taught)  # fmt: skip
+                self.field.gel, follows, self.anchor.depth_scale, self.reconstructor.taught,
+                material.deepest_mm)  # fmt: skip
 
     def prepare(self, names: Sequence[str], *, anew: bool) -> None:
         """Prepare the store."""
@@ -342,7 +347,7 @@ def force_folder(
     readings = Readings(recording, clock_offset_s)
 
     def end(done: list[FrameForce]) -> tuple[FrameForce, ...]:
-        rows = [with_reading(row, readings) for row in done]
+        rows = flag_rates([with_reading(row, readings) for row in done], job.field.material.fastest_mm_s)
         good = [number for number, row in enumerate(rows) if row.read]
         for number, names in zip(good, job.store.number_patches(good), strict=True):
             lasting = sorted((float(names[int(own)]), *values) for own, *values in rows[number].patches)
@@ -416,6 +421,22 @@ def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
     if press is None:
         return replace(row, measured_N=measured)
     return replace(row, measured_N=measured, press=press.press, reading_clipped=readings.clipped(press))
+
+
+def flag_rates(rows: Sequence[FrameForce], fastest_mm_s: float | None) -> list[FrameForce]:
+    """Flag frames in which the depth changes faster than in the fastest press of the calibration.
+
+    The change since a frame RATE_S before, or since the last one, must exceed the error of two depths, RATE_MM.
+    """
+    moving = [k for k, row in enumerate(rows) if row.read and np.isfinite(row.time_s)]
+    moving.sort(key=lambda k: rows[k].time_s)
+    flagged, times = list(rows), [rows[k].time_s for k in moving]
+    for place, k in enumerate(moving[1:], start=1) if fastest_mm_s else ():
+        before = rows[moving[min(bisect_left(times, times[place] - RATE_S), place - 1)]]
+        moved_mm = abs(np.nan_to_num(rows[k].depth_mm) - np.nan_to_num(before.depth_mm))
+        if moved_mm > BEYOND * (fastest_mm_s or 0.0) * (rows[k].time_s - before.time_s) + RATE_MM:
+            flagged[k] = replace(rows[k], flags="; ".join(filter(None, (rows[k].flags, FAST))))
+    return flagged
 
 
 def table(rows: Sequence[FrameForce]) -> str:

@@ -1,46 +1,48 @@
-"""Friction and load share of a patch, from gel that lags behind the part of the contact that sticks.
+"""Friction and load share of a patch: its shear against that of contacts that slip more and more.
 
-Gel that sticks to a rigid indenter moves with it: as a rigid body, plus what pressing has spread. In one frame
+Slip starts where the traction that sticking needs is largest against the pressure, at the edge, and moves inwards.
+With A the compliance along the motion and p the pressure, both as solved from the frame, a contact whose cells N
+slip and whose cells S stick on an indenter that has moved by d has the tractions, in units of friction mu,
 
-    u(x) = d + w z x (x - c) + e (x - c),      lag = (rigid motion - u) along the rigid motion,
+    tau_N = p_N,    tau_S = A_SS^-1 (r - A_SN p_N),    r = d/mu,
 
-is fitted to the patch's shear, weighted by the pressure and by how little a cell lags. Slip starts at the edge, so
-the lag is averaged over rings of equal distance to it; noise falls with a ring's area. A ring slips where its lag
-exceeds its noise and a share of the motion. There Coulomb's law holds, and friction and load share are
+and r is what makes the last cells of S reach p: one unknown, how many cells slip. Each such contact predicts
+friction d/r, load share sum(tau)/sum(p), and by how much each cell moves, f = A tau/r. To the shear of the frame
 
-    mu = sum(t) / sum(p) over the rings that slip,      (Q/P)/mu = sum(t) / (mu sum(p)) over the patch,
+    u(x) = f (d + w z x x) + e x
 
-t the traction along the motion.
+is fitted (motion d, turn w, what pressing has spread e) with the noise of neighbours and an error of the model.
+The posterior over the share of cells that slip, each equally likely before, gives friction and load share, their
+deviations, and whether the frame can tell at all.
 
-The outermost ring alone proves nothing: cells that a face covers in part lag without slip, which made flats below
-half the limit look as if they slipped. It takes LAGGING cells further in. Flats slip nearly at once everywhere, so
-of most nothing is known until they do. The largest |t|/p is of no use: without slip it is 2 to 4 at a ball's edge.
-
-Only places within a frame are compared. Creep moves the whole contact, or strains it alike, and does not lag.
-Source: Cattaneo (1938) and Mindlin (1949), in Johnson, Contact Mechanics (1985), section 7.2.
+The outermost ring is no evidence: cells that a face covers in part lag without slip. The largest |t|/p is of no
+use: without slip it is 2 to 4 at a ball's edge. Only places within a frame are compared, and no modulus counts, so
+creep that softens the gel alike moves nothing.
+Source: Cattaneo (1938), Mindlin (1949) and Jaeger (1998), in Johnson, Contact Mechanics (1985), section 7.2.
 """
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
+from scipy.linalg import lapack, solve_triangular
 
+from tactilevision.force.compliance import SUBCELL_STEP
 from tactilevision.force.nodes import Cells
+from tactilevision.force.noise import likeness
 from tactilevision.force.patches import PRESSED, Patches
-from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.wrench import Slip
 
-IMMINENT = 0.75  # of the limiting force; benchmarks.slip
-LAGGING = 8  # cells inside the outermost ring that must lag
-SIGMA = 2.5  # deviations of a ring's mean lag that are no noise
-LAG_SHARE = 0.05  # of the motion: less is elastic; chosen on 100 contacts of seed 7
-LEAST_MOTION = 0.2  # of the depth: pressing alone spreads the gel by a tenth, unevenly
-NOISY = 0.5  # of the motion: where noise could hide a lag of this size nothing is said
+IMMINENT = 0.7  # of the limiting force; benchmarks.slip
+HALF = 0.6  # of the limiting force: a contact may be below it unless that is unlikely
+DOUBT = 0.05  # probability that is no longer unlikely
+LEVELS = np.linspace(0.0, 1.0, 21)  # share of the cells that slip; at the first one the first cell is about to
+FIRST = 0.05  # of the sticking cells may be beyond friction: those are noise of the pressure
+MODEL = 0.05  # of the motion: error of a cell's prediction; chosen on 100 contacts of seed 7
 MIN_CELLS = 12  # of a patch: fewer have no inside
-SOFT = 0.03  # of the motion: a lag that halves a cell's weight, with that of noise
-ROUNDS = 10  # rounds of reweighting at most
-SETTLED = 0.01  # of the motion: a round that moves it by less is the last
+MIN_INNER = 5  # of them inside the outermost ring
+LEAST_MOTION = 0.05  # of the depth: less has no direction
 
 TOO_SMALL = "too few cells to see slip"
 STILL = "moved too little to see slip"
@@ -58,69 +60,98 @@ def find_slip(patches: Patches, scale: Floats) -> tuple[Slip | None, ...]:
 
 
 def _of_patch(patches: Patches, mine: Bools, scale: float) -> Slip:
-    if np.count_nonzero(mine) < MIN_CELLS:
+    cells, pressure = patches.found.cells[mine], patches.traction[2, mine]
+    if len(cells) < MIN_CELLS:
         return Slip(why=TOO_SMALL)
-    grid, cells, noise = patches.grid, patches.found.cells[mine], patches.seen.noise[0]
-    row, column = np.divmod(cells, grid.shape[1])
-    moved = patches.seen.displacement_mm.reshape(3, -1)[:, cells]
-    traction, pressure = patches.traction[:2, mine], patches.traction[2, mine]
+    row, column = np.divmod(cells, patches.grid.shape[1])
+    inner = _rings(row, column) > 1
+    if np.count_nonzero(inner) < MIN_INNER:
+        return Slip(why=TOO_SMALL)
+    grid, noise = patches.grid, patches.seen.noise[0]
+    *_, depth_mm = moved = patches.seen.displacement_mm.reshape(3, -1)[:, cells]
     place = np.stack([grid.x_mm[column], grid.y_mm[row]])
     place -= (place @ pressure / pressure.sum())[:, None]
-    std = float(noise.total.flat[cells[0]])
-    along, lag, motion = _lag(place, moved[:2], pressure, std)
-    if motion < LEAST_MOTION * moved[2].max():
+    mean = moved[:2, inner] @ pressure[inner] / pressure[inner].sum()
+    motion = float(np.hypot(*mean))
+    if motion < LEAST_MOTION * depth_mm.max():
         return Slip(why=STILL)
-    if SIGMA * std > NOISY * motion:
-        return Slip(why=TOO_NOISY)
-    ring = _rings(row, column)
-    count = np.bincount(ring)
-    mean = np.bincount(ring, lag) / np.maximum(count, 1)
-    alike = np.minimum(noise.length_mm / np.sqrt(np.maximum(count, 1) * grid.cell_mm2), 1.0)
-    slips = (mean > np.maximum(SIGMA * std * alike, LAG_SHARE * motion))[ring]
-    lagging = int(np.count_nonzero(slips & (ring > 1)))
-    if lagging < LAGGING:
-        return Slip(lagging=lagging)
-    limit, held = float(pressure[slips].sum()), (traction * along).sum(axis=0)
-    friction, force = float(held[slips].sum()) / limit, float(held.sum())
-    if not friction > 0:
-        return Slip(why=TOO_NOISY)
-    weights = np.zeros((2, 3, len(patches.found.cells)))
-    weights[:, :2, mine] = along
-    weights[0, :2, np.flatnonzero(mine)[~slips]] = 0.0
-    slopes = patches.found.response(weights.reshape(2, -1)).reshape(2, 3, -1)
-    x, y = (patches.seen.noise[k].propagate(slopes[:, k], patches.found.cells) for k in (0, 1))
-    square = x + y
-    whole = friction * float(pressure.sum())
-    by_friction = np.array([-force / friction / limit, 1.0]) / whole
-    variances = np.array([square[0, 0] / limit**2, by_friction @ square @ by_friction])
-    spread = np.sqrt(np.maximum(variances, 0.0))  # where all cells slip the share is 1, but for rounding
-    share = force / whole
-    margin_N, (of_friction, of_share) = scale * grid.cell_mm2 * (whole - force), spread.tolist()
+    shares, reach_mm, follow = _family(_along(patches, cells, mean / motion), pressure)
+    alike = likeness(noise.length_mm / grid.spacing_mm, max(grid.shape))
+    down, across = (alike[np.abs(np.subtract.outer(k, k))] for k in (row[inner], column[inner]))
+    spread = float(noise.slow.flat[cells[0]]) ** 2 * down * across
+    spread.flat[:: len(spread) + 1] += float(noise.white.flat[cells[0]]) ** 2 + (MODEL * motion) ** 2
+    misfit, moves_mm = _fits(moved[:2, inner], place[:, inner], follow[:, inner], spread)
+    likely = np.exp(-(misfit - misfit.min()) / 2 / max(1.0, misfit.min() / (2 * len(spread))))
+    likely /= likely.sum()
+    frictions = moves_mm / reach_mm
+    low, high = likely[shares < HALF].sum(), likely[shares >= IMMINENT].sum()
+    if low > DOUBT:
+        return Slip(why=TOO_NOISY if high > DOUBT else "")
+    (friction, of_friction), (share, of_share) = (_mean_std(values, likely) for values in (frictions, shares))
+    margin_N = scale * grid.cell_mm2 * friction * float(pressure.sum()) * (1 - share)
+    lagging = int(np.rint(likely @ LEVELS * len(cells)))
     return Slip(friction, of_friction, share, of_share, margin_N, lagging, imminent=share > IMMINENT)
 
 
-def _lag(place: Floats, moved: Floats, pressure: Floats, std: float) -> tuple[Floats, Floats, float]:
-    """Return direction (2, C) of the rigid motion of gel at `place` (2, C) mm, the lag (C,) mm behind it, and the
-    mean motion, mm.
+def _mean_std(values: Floats, likely: Floats) -> tuple[float, float]:
+    """Return the mean and deviation of `values` (K,), in their unit, by probabilities `likely` (K,), and MODEL."""
+    mean = float(likely @ values)
+    return mean, float(np.hypot(np.sqrt(likely @ (values - mean) ** 2), MODEL * mean))
+
+
+def _along(patches: Patches, cells: Cells, direction: Floats) -> Floats:
+    """Return the displacement of cells by tractions (C, C), both along `direction` (2,), mm by modulus 1 MPa."""
+    count, (x, y) = len(cells), direction
+    block = patches.compliance.block(cells, 3)
+    both = block[:count, count : 2 * count]
+    found = x**2 * block[:count, :count] + y**2 * block[count : 2 * count, count : 2 * count]
+    found += x * y * (both + both.T)
+    found.flat[:: count + 1] += SUBCELL_STEP * patches.compliance.cell_unit
+    return np.asarray(found)
+
+
+def _family(along: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return load share (K,), motion over friction (K,) mm, and what each cell moves of it (K, C), at LEVELS.
+
+    `along` (C, C) is the compliance along the motion. Cells slip in the order of what sticking needs of pressure.
     """
     count = len(pressure)
-    forms = np.zeros((4, 2, count))
-    forms[0, 0] = forms[1, 1] = 1.0
-    forms[2, 0], forms[2, 1], forms[3] = -place[1], place[0], place
-    flat, both = forms.reshape(4, -1), moved.ravel()
-    weight: Floats = pressure
-    fit: Floats = np.zeros(4)
-    for _ in range(ROUNDS):
-        weighted = (forms * weight).reshape(4, -1)
-        before, fit = fit, np.asarray(np.linalg.solve(weighted @ flat.T, weighted @ both), dtype=np.float64)
-        rigid = (fit[:3] @ flat[:3]).reshape(2, count)
-        size = np.sqrt(rigid[0] ** 2 + rigid[1] ** 2) + TINY
-        motion = float(size.mean())
-        lag = ((rigid + fit[3] * place - moved) * rigid).sum(axis=0) / size
-        if abs(fit - before)[:2].max() < SETTLED * motion:
-            break
-        weight = pressure / (1 + (np.maximum(lag, 0.0) / (std + SOFT * motion + TINY)) ** 2)
-    return rigid / size, lag, motion
+    order = np.argsort(np.linalg.solve(along, np.ones(count)) / pressure)  # those that stick longest first
+    matrix, limit = along[np.ix_(order, order)], pressure[order]
+    factor = np.linalg.cholesky(matrix)  # its leading blocks are the factors of the cells that stick
+    inverse = lapack.dtrtri(factor, lower=1)[0]
+    held = np.rint((1 - LEVELS) * count).astype(np.intp)
+    sticks = np.arange(count) < held[:, None]
+    by_motion = (sticks * inverse.sum(axis=1)) @ inverse
+    by_slip = (sticks * ((~sticks * limit) @ factor)) @ inverse
+    known = sticks & (by_motion > 0)
+    reaches = np.divide(limit + by_slip, by_motion, out=np.full(sticks.shape, np.inf), where=known)
+    reach = np.sort(reaches, axis=1)[np.arange(len(LEVELS)), (FIRST * held).astype(np.intp)]
+    reach[-1] = 0.0  # all slip: no cell follows the indenter, and the one that moves most stands for it
+    tau = np.where(sticks, reach[:, None] * by_motion - by_slip, limit)
+    moved = tau @ matrix
+    reach[-1] = moved[-1].max()
+    shares, follow = np.minimum(tau.sum(axis=1) / limit.sum(), 1.0), np.empty_like(moved)
+    follow[:, order] = moved / reach[:, None]
+    return shares, reach, follow
+
+
+def _fits(moved: Floats, place: Floats, follow: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """Return the misfit (K,) of each contact of which cells `follow` (K, C) the motion, and the motion (K,), mm.
+
+    `moved` (2, C) at `place` (2, C), mm, each component with the covariance `spread` (C, C), mm².
+    """
+    count = len(follow)
+    columns = np.concatenate([moved, place, follow, follow * place[0], follow * place[1]])
+    white = solve_triangular(np.linalg.cholesky(spread), columns.T, lower=True).T
+    ahead, by_x, by_y = white[4:].reshape(3, count, -1)
+    seen, forms = white[:2].ravel(), np.zeros((count, 4, 2, len(spread)))  # along x, along y, turn, spread
+    forms[:, 0, 0] = forms[:, 1, 1] = ahead
+    forms[:, 2, 0], forms[:, 2, 1], forms[:, 3] = -by_y, by_x, white[2:4]
+    forms = forms.reshape(count, 4, -1)
+    right = forms @ seen
+    fit = np.linalg.solve(forms @ forms.transpose(0, 2, 1), right[..., None])[..., 0]
+    return np.asarray(seen @ seen - (right * fit).sum(axis=1)), np.hypot(fit[:, 0], fit[:, 1])
 
 
 def _rings(row: Cells, column: Cells) -> Cells:

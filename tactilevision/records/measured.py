@@ -99,17 +99,23 @@ class Curve:
         return Curve(self.press, *kept, z_mm, extra)
 
 
+REACH = ("deepest_mm", "fastest_mm_s")  # of the presses that a material was measured on
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """A linear elastic, isotropic gel. `covariance` (2, 2) is of (youngs_modulus_MPa, poisson_ratio).
 
-    `assumed`: both are published values of such gels, not measured on this one.
+    `assumed`: both are published values of such gels, not measured on this one. `deepest_mm`, `fastest_mm_s`: the
+    deepest and the fastest press that they were measured on; None where not known.
     """
 
     youngs_modulus_MPa: float
     poisson_ratio: float
     covariance: Floats | None = None
     assumed: bool = False
+    deepest_mm: float | None = None
+    fastest_mm_s: float | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_MPa) and self.youngs_modulus_MPa > 0):

@@ -101,10 +101,10 @@ def _changed(change: Floats, values: Floats, covariance: Floats) -> tuple[Floats
 class Slip:
     """How near a patch is to sliding.
 
-    `friction` mu; `load_share` (Q/P)/mu, 1 where all slides; each with the deviation by the noise of shear;
-    `margin_N` the tangential force that is left, mu P - Q; `lagging` cells behind the part that sticks. NaN where
-    too few cells lag: nothing tells friction. `imminent`: the share exceeds .75. `why` states what hinders; then
-    `lagging` counts nothing.
+    `friction` mu; `load_share` (Q/P)/mu, 1 where all slides; each with its deviation; `margin_N` the tangential
+    force that is left, mu P - Q; `lagging` cells that slip. NaN where the share may be below .6: little slips, and
+    friction is hardly told. `imminent`: the share exceeds .7. `why` states what hinders; then `lagging` counts
+    nothing.
     """
 
     friction: float = math.nan

@@ -16,11 +16,12 @@ import zarr
 from planted_forces import SCALE, VIEW, hertz, measured
 
 from tactilevision.errors import InputError
-from tactilevision.force.frame import Readings, force_folder, force_job
+from tactilevision.force.field import DEEP
+from tactilevision.force.frame import FAST, Readings, force_folder, force_job
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.records.certified import TaughtWalls
-from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap
+from tactilevision.records.maps import BEYOND_BALLS, LIGHT, MEANING, Frame, HeightMap
 from tactilevision.records.measured import ForceSeries, Material
 from tactilevision.records.rig import Gel, Press, Sensor
 
@@ -32,8 +33,10 @@ class Known:
 
     match = None
 
-    def __init__(self, sensor: Sensor, *, taught: TaughtWalls | None = None, error: Any = None) -> None:
-        self.sensor, self.taught, self.error = sensor, taught, error
+    def __init__(
+        self, sensor: Sensor, *, taught: TaughtWalls | None = None, error: Any = None, light: bool = False
+    ) -> None:
+        self.sensor, self.taught, self.error, self.flags = sensor, taught, error, (LIGHT,) if light else ()
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -41,7 +44,8 @@ class Known:
         if level > 2:
             raise InputError("the frame is saturated", where=frame.name)
         everywhere = np.ones(VIEW.shape, dtype=bool)
-        return HeightMap(level * self.unit, everywhere, SCALE, time_s=frame.time_s, name=frame.name)
+        depth = level * self.unit
+        return HeightMap(depth, everywhere, SCALE, time_s=frame.time_s, name=frame.name, flags=self.flags)
 
 
 def recorded(folder: Path) -> Recording:
@@ -127,6 +131,24 @@ def test_a_contact_beyond_the_balls_is_flagged_and_free_gel_is_not(tmp_path: Pat
         job = force_job(recording, cast(Reconstructor, known), material=material, out=out)
         rows = force_folder(recording, job, workers=1)
         assert [MEANING[BEYOND_BALLS] in row.flags for row in rows[:3]] == [False, beyond, beyond]
+
+
+def test_depth_rate_and_light_beyond_the_calibration_are_flagged(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    deepest = Known(recording.sensor).unit.max()
+    known = Known(recording.sensor, light=True)
+
+    def flags(deepest_mm: float | None, fastest_mm_s: float | None) -> list[str]:
+        folder = tmp_path / f"{deepest_mm}-{fastest_mm_s}"
+        material = Material(0.2, 0.48, deepest_mm=deepest_mm, fastest_mm_s=fastest_mm_s)
+        job = force_job(recording, cast(Reconstructor, known), material=material, out=folder)
+        return [row.flags for row in force_folder(recording, job, workers=1)[:3]]
+
+    assert [DEEP in row for row in flags(0.8 * deepest, None)] == [False, False, True]
+    assert [FAST in row for row in flags(None, deepest / 4)] == [False, True, True], "half in a second"
+    plain = flags(deepest, deepest)
+    assert not any(DEEP in row or FAST in row for row in plain)
+    assert all(MEANING[LIGHT] in row for row in plain)
 
 
 def test_another_material_starts_anew(tmp_path: Path) -> None:
