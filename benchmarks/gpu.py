@@ -96,14 +96,14 @@ def floor(reconstructor: Reconstructor, width: int, height: int) -> None:
     """Print what memory, bus and operations of the device allow, of the steps on whole pictures alone.
 
     Each step reads its inputs and writes its results once, in single precision: rectification, changes, products,
-    sums, slopes, divergence, and two transforms each way as one pass each.
+    sums, slopes, and the products of the integration as one pass each.
     """
     method = reconstructor.referenced
     assert method is not None
     assert isinstance(method.evaluate, PolynomialEvaluator)
     products, sums = method.evaluate.products, 2 * (MAX_ORDER + 1)
     numbers = 2 * 3 + 2 * 3 + (3 + products) + (products + sums) + (sums + 2) + 2 * 2 + 3 + 4 * 2 + 2 * 1
-    operations = 2 * (LOW * products + (sums - LOW) * 3) + products + sums + 20 * np.log2(width * height)
+    operations = 2 * (LOW * products + (sums - LOW) * 3) + products + sums + 6 * (width + height)
     pixels = width * height
     limits = {
         "memory": MEMORY / (4 * numbers * pixels),

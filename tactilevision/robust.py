@@ -44,6 +44,11 @@ def ascending(values: Any) -> Any:
     return getattr(ordered, "values", ordered)
 
 
+def filled(values: Any, mask: Any, number: float) -> Any:
+    """Return an array or tensor with a `number` where the `mask` is set; on a device nothing is copied to it."""
+    return values.masked_fill(mask, number) if hasattr(values, "masked_fill") else np.where(mask, number, values)
+
+
 def take(values: Any, at: Any) -> Any:
     """Return an array's or tensor's values (..., k) at places `at` (..., k) along the last axis of (..., n)."""
     xp = namespace(values)
@@ -55,8 +60,7 @@ def masked_median(values: Any, mask: Any) -> Any:
 
     Infinite where it is set nowhere. Of arrays or tensors.
     """
-    xp = namespace(values)
-    ordered, count = ascending(xp.where(mask, values, np.inf)), mask.sum(-1)[..., None]
+    ordered, count = ascending(filled(values, ~mask, np.inf)), mask.sum(-1)[..., None]
     low, high = (at.clip(0, values.shape[-1] - 1) for at in ((count - 1) // 2, count // 2))
     return 0.5 * (take(ordered, low) + take(ordered, high))[..., 0]
 

@@ -62,8 +62,8 @@ class Unseen:
             return float("nan")
         std = np.maximum(noise.total, TINY)
         weight, (rows, columns) = np.where(known, 1 / std**2, 0.0), known.shape
-        parts = (noise.white, noise.slow, noise.shared)
-        white, slow, shared = (float(np.mean((one / std)[known] ** 2)) for one in parts)
+        parts, count = (noise.white, noise.slow, noise.shared), np.count_nonzero(known)
+        white, slow, shared = (float(np.vdot(weight, one * one)) / count for one in parts)
         alike = _slow_power(noise.length_mm / self.compliance.grid.spacing_mm, self._shape)
         power = np.asarray(white + slow * alike, dtype=np.float32)
         divided, typical = np.maximum(power, FLOOR), float(median(weight[known]))

@@ -28,7 +28,7 @@ from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
-from tactilevision.robust import MAD_TO_STD, masked_median, namespace
+from tactilevision.robust import MAD_TO_STD, filled, masked_median, namespace
 
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
@@ -181,7 +181,7 @@ def has_dent(depth: Any, gel: Any, flat: Any, plane: Any) -> Any:
     inverted, _ = inverse((weighted @ plane.T) * stiffening)
     off = depth - (inverted @ (weighted @ depth[..., None]))[..., 0] @ plane
     limit = DENTED * MAD_TO_STD * masked_median(abs(off), flat)
-    return xp.amax(xp.where(gel, -np.inf, off), -1) > limit
+    return xp.amax(filled(off, gel, -np.inf), -1) > limit
 
 
 def with_rise(plane: Any, gel: Any, decay: float) -> Any:

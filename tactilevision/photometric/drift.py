@@ -16,7 +16,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records.constants import TINY
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.measured import Bools, Bytes, Floats, Picture
-from tactilevision.robust import MAD_TO_STD, ascending, masked_median, median, namespace
+from tactilevision.robust import MAD_TO_STD, ascending, filled, masked_median, median, namespace
 
 # Means over several pixels.
 
@@ -142,7 +142,7 @@ def likely_slopes(change: Any, answers: Any, *, touched: Any) -> Any:
     """
     xp, under = namespace(change), touched.reshape(*change.shape[:-2], -1)
     ratio = masked_median((change**2).sum(-2) / (answers**2).sum((-3, -2)), under)
-    slope_rms = xp.sqrt(xp.where(under.any(-1), ratio, 0.0))[..., None]
+    slope_rms = xp.sqrt(filled(ratio, ~under.any(-1), 0.0))[..., None]
     distance = distance_px(~touched).reshape(under.shape)
     fall = xp.exp(-distance * xp.sqrt(np.pi / under.sum(-1).clip(1))[..., None])
     share = SLOPE_SHARE if answers.shape[-2] == 2 else GUESSED_SHARE
@@ -160,7 +160,7 @@ def noise_of(change: Any, weights: Any) -> Any:
     counted = xp.broadcast_to(weights[..., None, :, 1:-1] > 0.5, bend.shape)
     bend, counted = (values.reshape(*change.shape[:-3], -1) for values in (bend, counted))
     found = (MAD_TO_STD / 6**0.5 * masked_median(bend, counted)).clip(MIN_NOISE)
-    return xp.where(counted.any(-1), found, 1.0)
+    return filled(found, ~counted.any(-1), 1.0)
 
 
 class Priors(NamedTuple):
@@ -458,7 +458,7 @@ class DriftTracker:
         """
         xp, gain = namespace(drift), 1.0 + self.power * drift[..., 0]
         mixed = xp.amax(xp.abs(drift[..., 3:]), (-2, -1)) >= self.power * CONVERGENCE_TOL
-        level = xp.where(mixed[..., None], 1.0, gain ** (1.0 / self.power))
+        level = filled(gain ** (1.0 / self.power), mixed[..., None], 1.0)
         gains = xp.concatenate([(level - 1.0)[..., None], drift[..., 1:3] * (level / gain)[..., None]], -1)
         same = xp.eye(3, dtype=drift.dtype, device=drift.device)
         mix = same * (gain - drift[..., 4] - drift[..., 5])[..., None]
