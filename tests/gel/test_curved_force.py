@@ -136,6 +136,15 @@ def test_a_dome_seen_by_a_pinhole_moves_along_its_rays_and_the_slope_of_the_bord
     assert off[0] < 2e-3 < 0.01 < off[1]
 
 
+def test_a_dome_that_shrinks_all_round_loses_two_depths_over_its_radius_of_area() -> None:
+    made = field().compliance
+    assert isinstance(made, MeshCompliance)
+    shrunk = np.zeros((3, *made.inside.shape))
+    shrunk[2] = 0.06
+    middle = made.surface.stretch(shrunk)[4:-4, 4:-4]
+    np.testing.assert_allclose(middle, -2 * 0.06 / 6, rtol=0.03)
+
+
 def test_a_map_deeper_than_the_gel_or_marked_beside_it_is_refused() -> None:
     with pytest.raises(InputError, match="larger than the gel allows"):
         field()(pressed(0.0, 0.0, depth_mm=1.9))
