@@ -87,7 +87,7 @@ class MeshCompliance:
 
     def _block(self, table: Singles, cells: Cells, parts: int) -> Floats:
         places = self._places(cells, parts)
-        return table[np.ix_(places, places)].astype(np.float64)
+        return np.asarray(table.ravel().take(places[:, None] * len(table) + places), dtype=np.float64)
 
     def _places(self, cells: Cells, parts: int) -> Cells:
         return np.concatenate([cells + k * self.inside.size for k in range(3 - parts, 3)])

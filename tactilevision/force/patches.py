@@ -129,13 +129,15 @@ class Patches:
     def depth_factors(self, gel: Gel) -> Floats:
         """Return the factor (P,) of each patch's tractions for large depth."""
         u, pressure = self.seen.displacement_mm, np.maximum(self.found.traction[-1], 0) + TINY
-        stretch = np.zeros(self.count)
-        if len(u) == 3:
+        stretch, thickness = np.zeros(self.count), np.full(self.count, gel.thickness_mm)
+        surface = self.compliance.surface
+        if surface is not None:
+            along = surface.stretch(u if len(u) == 3 else np.concatenate([0 * u, 0 * u, u]))
+            stretch = self.mean(along.ravel()[self.found.cells])
+            thickness = self.mean(surface.thickness_mm[self.found.cells], pressure)
+        elif len(u) == 3:
             along = sum(np.gradient(u[k], self.grid.spacing_mm, axis=1 - k) for k in (0, 1))
             stretch = self.mean(along.ravel()[self.found.cells])
-        thickness, surface = np.full(self.count, gel.thickness_mm), self.compliance.surface
-        if surface is not None:
-            thickness = self.mean(surface.thickness_mm[self.found.cells], pressure)
         return patch_factor(
             np.sqrt(np.bincount(self.of_cells, self._cells_mm2(self.found.cells), self.count) / np.pi),
             self.mean(u[-1].ravel()[self.found.cells], pressure),

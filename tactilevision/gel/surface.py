@@ -90,6 +90,16 @@ class SurfaceCells:
         """Return displacement (3, rows, columns), mm, along the local axes."""
         return np.asarray((self._turn * moved_mm.reshape(3, -1)).sum(axis=1).reshape(moved_mm.shape))
 
+    def stretch(self, local_mm: Floats) -> Floats:
+        """Return the stretch of the surface's area (rows, columns), a ratio, by local displacement (3, ...), mm.
+
+        div u = tr G - n.G n,    G_ij = du_i/dx_j along the picture's axes
+        """
+        moved = (self._turn * local_mm.reshape(3, 1, -1)).sum(axis=0).reshape(local_mm.shape)
+        normal = self.frames[:, 2].T.reshape(moved.shape)
+        slopes = [np.gradient(moved, self.spacing_mm, axis=axis) for axis in (2, 1)]
+        return np.asarray(sum(one[k] - (normal * one).sum(axis=0) * normal[k] for k, one in enumerate(slopes)))
+
     @cached_property
     def _turn(self) -> Floats:
         return np.ascontiguousarray(self.frames.transpose(1, 2, 0))

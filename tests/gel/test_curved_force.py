@@ -7,15 +7,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from calibration.inputs.gather import _one_gel
 from tactilevision.errors import InputError
 from tactilevision.force.calibrated import modulus_of
 from tactilevision.force.field import NO_CONTACT, NO_SHEAR, ForceField, ForceSettings
 from tactilevision.force.mesh_compliance import MeshCompliance
 from tactilevision.force.observe import observe
+from tactilevision.profile.sensor import _check_shape
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
@@ -103,7 +108,7 @@ def test_a_dome_seen_by_a_pinhole_moves_along_its_rays_and_the_slope_of_the_bord
         return np.stack([x, y, 6 - np.sqrt(np.maximum(36 - x**2 - y**2, 1))])
 
     def motion(x: Floats, y: Floats) -> Floats:
-        return np.exp(-((x - 3) ** 2 + y**2) / 3) * np.array([0.06, -0.03, 0.12])[:, None, None]
+        return np.asarray(np.exp(-((x - 3) ** 2 + y**2) / 3) * np.array([0.06, -0.03, 0.12])[:, None, None])
 
     def met(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Where the dome lies on the camera's ray to the moved point, and how far before it, mm."""
@@ -120,7 +125,8 @@ def test_a_dome_seen_by_a_pinhole_moves_along_its_rays_and_the_slope_of_the_bord
         from_x, from_y = from_x + x - here[0], from_y + y - here[1]
     inside = x**2 + y**2 < 19
     height = HeightMap(met(from_x, from_y)[1], inside, SCALE, std_mm=np.full(SHAPE, 1e-6))
-    shear = ShearMap(*(met(x, y)[0] - [x, y]), inside, SCALE, std_mm=1e-6)
+    across, down = met(x, y)[0] - np.stack([x, y])
+    shear = ShearMap(across, down, inside, SCALE, std_mm=1e-6)
     grid = made.grid
     truth = made.surface.local(motion(*np.meshgrid(grid.x_mm, grid.y_mm)))
     off = []
@@ -130,6 +136,15 @@ def test_a_dome_seen_by_a_pinhole_moves_along_its_rays_and_the_slope_of_the_bord
     assert off[0] < 2e-3 < 0.01 < off[1]
 
 
+def test_a_dome_that_shrinks_all_round_loses_two_depths_over_its_radius_of_area() -> None:
+    made = field().compliance
+    assert isinstance(made, MeshCompliance)
+    shrunk = np.zeros((3, *made.inside.shape))
+    shrunk[2] = 0.06
+    middle = made.surface.stretch(shrunk)[4:-4, 4:-4]
+    np.testing.assert_allclose(middle, -2 * 0.06 / 6, rtol=0.03)
+
+
 def test_a_map_deeper_than_the_gel_or_marked_beside_it_is_refused() -> None:
     with pytest.raises(InputError, match="larger than the gel allows"):
         field()(pressed(0.0, 0.0, depth_mm=1.9))
@@ -137,3 +152,13 @@ def test_a_map_deeper_than_the_gel_or_marked_beside_it_is_refused() -> None:
     beside = ForceField(small, Material(0.2, 0.48), SCALE, view_px=SHAPE)
     with pytest.raises(InputError, match="outside the gel's mesh"):
         beside(pressed(0.0, 0.0), still())
+
+
+def test_a_round_gel_is_refused_where_it_is_stated_flat_or_a_law_takes_it_for_flat() -> None:
+    def sensed(gel: Gel) -> Any:
+        return SimpleNamespace(sensor=SimpleNamespace(gel=gel), name="own", path=Path("own"))
+
+    with pytest.raises(InputError, match="stated as disc here, and as dome in the profile own"):
+        _check_shape(sensed(Gel(2.0, shape="disc", radius_mm=4.5)), sensed(DOME))
+    with pytest.raises(InputError, match="laws of a flat layer do not fit"):
+        _one_gel([sensed(DOME)])
