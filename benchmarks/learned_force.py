@@ -194,7 +194,7 @@ def free(world: World) -> Singles:
 
 def rebased(pictures: Bytes, world: World) -> Bytes:
     """Pictures of a world as if they had changed from the untouched one of the training's light."""
-    return np.clip(pictures - free(world) + free(HOME), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(pictures - free(world) + free(HOME), 0, 255), dtype=np.uint8)
 
 
 def ridge(pictures: Bytes, forces: Floats, depth: Callable[[Bytes], Floats]) -> Callable[[Bytes], Told]:

@@ -148,9 +148,9 @@ def _fits(moved: Floats, place: Floats, follow: Floats, spread: Floats) -> tuple
     seen, forms = white[:2].ravel(), np.zeros((count, 4, 2, len(spread)))  # along x, along y, turn, spread
     forms[:, 0, 0] = forms[:, 1, 1] = ahead
     forms[:, 2, 0], forms[:, 2, 1], forms[:, 3] = -by_y, by_x, white[2:4]
-    forms = forms.reshape(count, 4, -1)
-    right = forms @ seen
-    fit = np.linalg.solve(forms @ forms.transpose(0, 2, 1), right[..., None])[..., 0]
+    design = forms.reshape(count, 4, -1)
+    right = design @ seen
+    fit = np.linalg.solve(design @ design.transpose(0, 2, 1), right[..., None])[..., 0]
     return np.asarray(seen @ seen - (right * fit).sum(axis=1)), np.hypot(fit[:, 0], fit[:, 1])
 
 
