@@ -46,6 +46,7 @@ from tactilevision.photometric.reference import (
     light_of,
     make_reference,
     overexposed_warning,
+    round_outline_warning,
 )
 from tactilevision.photometric.storage import load_method, load_network
 from tactilevision.recording import layout
@@ -405,7 +406,11 @@ def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple
     shows marks that the sensor should not have.
     """
     reference = make_reference(flats)
-    noted = (*dark_colour_warning(reference), *overexposed_warning(reference))
+    noted = (
+        *dark_colour_warning(reference),
+        *overexposed_warning(reference),
+        *round_outline_warning(reference, sensor),
+    )
     if reference.marks is None or may_have_marks(sensor):
         return reference, noted
     return reference, (

@@ -14,6 +14,7 @@ from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.recording import layout
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
+from tactilevision.records.rig import Sensor
 from tactilevision.robust import MAD_TO_STD
 
 # Bias and noise of a law on untouched gel.
@@ -224,6 +225,51 @@ def overexposed_warning(reference: Reference) -> tuple[str, ...]:
     return (
         f"the untouched gel is overexposed, {' and '.join(named)} of it: slopes there follow from the other "
         "colours, with a larger error, and are unknown without ball presses. Shorten the exposure or dim the lamp",
+    )
+
+
+ROUND = 0.02  # of the radius, rms: lit parts of five real flat pads differ from a circle by .057 or more
+EDGE = 0.7  # ln of grey: over a tenth of the radius vignetting of those five loses .21 at most
+
+
+def round_outline_px(reference: Reference) -> float | None:
+    """Return the radius (px) of the circle that limits the lit gel; None where its outline is not one circle.
+
+    The lit part is above Otsu's threshold of ln of grey. Its outline inside the picture is a circle where it
+    deviates from one by ROUND of the radius (rms) at most, covers half of it, and is an edge: light falls by more
+    than EDGE over a tenth of the radius. A gel that fills the picture shows no outline.
+    """
+    from skimage.filters import threshold_otsu
+    from skimage.measure import CircleModel
+
+    light = np.log1p(cv2.GaussianBlur(reference.rgb, (0, 0), 1).max(axis=2))
+    height, width = light.shape
+    lit = (light > threshold_otsu(light)).astype(np.uint8)
+    outlines, _ = cv2.findContours(lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(outlines, key=len)[:, 0].astype(float)
+    outline = outline[((outline > 1) & (outline < (width - 2, height - 2))).all(axis=1)]
+    circle = CircleModel.from_estimate(outline) if len(outline) >= min(light.shape) else None
+    if not circle:
+        return None
+    (x, y), radius = circle.center, float(circle.radius)
+    angles = np.unique(np.floor(np.degrees(np.arctan2(outline[:, 1] - y, outline[:, 0] - x))))
+    if np.sqrt(np.mean(circle.residuals(outline) ** 2)) > ROUND * radius or len(angles) < 180:
+        return None
+    distance = np.hypot(np.arange(width) - x, np.arange(height)[:, None] - y) / radius
+    within, beyond = (light[abs(distance - place) < 0.025] for place in (0.95, 1.05))
+    return radius if within.size and beyond.size and np.median(within) - np.median(beyond) > EDGE else None
+
+
+def round_outline_warning(reference: Reference, sensor: Sensor) -> tuple[str, ...]:
+    """Return a warning where the untouched gel is seen as a disc, and stated as a layer without a round side."""
+    if sensor.gel is None or sensor.gel.shape not in ("unbounded", "rectangle"):
+        return ()
+    if (radius := round_outline_px(reference)) is None:
+        return ()
+    return (
+        f"the untouched picture shows gel within a circle of {radius * sensor.mm_per_px[0]:.1f} mm radius, and "
+        f'its shape is stated as "{sensor.gel.shape}": state "disc" for a flat pad, or "dome" for a round finger, '
+        "whose forces are off by a third if read as a flat layer",
     )
 
 
