@@ -143,7 +143,9 @@ def turn_section(page: Any) -> None:
 
 def keep(page: Any, screenshots: Path | None, name: str) -> None:
     """Keep the page as it looks at three widths, in light and dark."""
-    for width, height in SIZES if screenshots is not None else ():
+    if screenshots is None:
+        return
+    for width, height in SIZES:
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)
             page.set_viewport_size({"width": width, "height": height})

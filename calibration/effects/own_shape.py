@@ -50,7 +50,7 @@ def own_effect(shape: Shape, words: str) -> str:
     parameters, starts = [own], [size]
     if shape.kind in ("step", "wave"):
         step = shape.kind == "step"
-        name, meaning = ("at", "where it begins, held") if step else ("period", "period")
+        name, meaning = ("at", "where it begins") if step else ("period", "period")
         ends = (shape.at, shape.at) if step else (reach / 20, 2 * reach)
         place = f'"{shape.unit or "1"}", {_round(shape.at)}, ({", ".join(map(_round, ends))})'
         parameters.append(f'Parameter("{name}", {place}, "{meaning}", {_round(reach / 40)})')

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from calibration.workbench.bench import Bench
 
 PATIENCE_S = 10  # s that a request for news waits
-BROWSER_S = 1.0  # s that the work waits for a browser to open the page
+BROWSER_S = 2.0  # s that the work waits for a browser to open the page
 QUALITY = 85  # of a JPEG for display
 AS_RECORDED = -1  # version of the state before there is a bench, which counts from 1
 PLOTLY = "plotly.js"

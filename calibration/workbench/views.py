@@ -168,7 +168,9 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
             {
                 "name": p.name,
                 "words": (p.meaning or name) if key else parameter(p.name, p.meaning),
-                "text": "held" if p.fixed else wording.estimate(estimate),
+                "text": f"held at {value:.4g} {'' if p.unit == '1' else p.unit}".strip()
+                if p.fixed
+                else wording.estimate(estimate),
                 "value": value,
                 "fixed": p.fixed,
                 "low": max(p.bounds[0], value - reach),

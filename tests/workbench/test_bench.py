@@ -21,7 +21,8 @@ from calibration.workbench import bench as bench_module
 from calibration.workbench.analysis import Asking, Models, Verdict
 from calibration.workbench.bench import Bench, Track
 from calibration.workbench.curve_views import curve_view, tried_view, why_off
-from calibration.workbench.opened import Opened, file_marks
+from calibration.workbench.opened import Opened
+from calibration.workbench.recorded import file_marks
 from calibration.workbench.views import state_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
