@@ -239,21 +239,21 @@ def round_outline_px(reference: Reference) -> float | None:
     deviates from one by ROUND of the radius (rms) at most, covers half of it, and is an edge: light falls by more
     than EDGE over a tenth of the radius. A gel that fills the picture shows no outline.
     """
-    from skimage.filters import threshold_otsu
-    from skimage.measure import CircleModel
-
     light = np.log1p(cv2.GaussianBlur(reference.rgb, (0, 0), 1).max(axis=2))
     height, width = light.shape
-    lit = (light > threshold_otsu(light)).astype(np.uint8)
+    levels = cv2.normalize(light, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    lit = cv2.threshold(levels, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1]
     outlines, _ = cv2.findContours(lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    outline = max(outlines, key=len)[:, 0].astype(float)
+    outline = max(outlines, key=len, default=np.empty((0, 1, 2)))[:, 0].astype(float)
     outline = outline[((outline > 1) & (outline < (width - 2, height - 2))).all(axis=1)]
-    circle = CircleModel.from_estimate(outline) if len(outline) >= min(light.shape) else None
-    if not circle:
+    if len(outline) < min(light.shape):
         return None
-    (x, y), radius = circle.center, float(circle.radius)
-    angles = np.unique(np.floor(np.degrees(np.arctan2(outline[:, 1] - y, outline[:, 0] - x))))
-    if np.sqrt(np.mean(circle.residuals(outline) ** 2)) > ROUND * radius or len(angles) < 180:
+    columns = np.column_stack([2 * outline, np.ones(len(outline))])  # of x^2 + y^2 = 2 x0 x + 2 y0 y + constant
+    (x, y, constant), *_ = np.linalg.lstsq(columns, (outline**2).sum(axis=1))
+    radius = float(np.sqrt(constant + x**2 + y**2))
+    off = outline - (x, y)
+    angles = np.unique(np.floor(np.degrees(np.arctan2(off[:, 1], off[:, 0]))))
+    if np.sqrt(np.mean((np.hypot(*off.T) - radius) ** 2)) > ROUND * radius or len(angles) < 180:
         return None
     distance = np.hypot(np.arange(width) - x, np.arange(height)[:, None] - y) / radius
     within, beyond = (light[abs(distance - place) < 0.025] for place in (0.95, 1.05))
