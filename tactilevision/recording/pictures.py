@@ -9,15 +9,19 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from hashlib import file_digest, sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.files.opening import check_plain, inside, read_bytes
+from tactilevision.files.cache import packed_record
+from tactilevision.files.opening import check_plain, inside, open_regular, read_bytes
 from tactilevision.files.pictures import orientation
 from tactilevision.recording import layout
 from tactilevision.recording.images import (
@@ -366,6 +370,21 @@ def read_reference(recording: Recording, path: Path) -> Bytes:
     if recording.frame_size_px is not None:
         check_size((rgb.shape[1], rgb.shape[0]), recording.frame_size_px, path)
     return rgb
+
+
+def content_of(recording: Recording) -> str:
+    """Return a hash of a recording with all its pictures, and of the libraries that read them."""
+    digest = sha256(repr((np.__version__, cv2.__version__, scipy.__version__)).encode())
+    for part in packed_record(recording, whatever=True).values():
+        digest.update(part)
+    folder = recording.frames_path
+    video = folder is not None and folder.is_file()
+    frames = [] if folder is None else [folder] if video else [folder / name for name in recording.frame_names]
+    for path in (*frames, *recording.flats, *(ball.path for ball in recording.balls)):
+        with suppress(OSError, InputError), open_regular(path, limit=None) as file:
+            digest.update(file_digest(file, "sha256").digest())
+        digest.update(b"/")
+    return digest.hexdigest()
 
 
 def _frames(recording: Recording, wanted: list[int]) -> Iterator[Frame | BadFrame]:
