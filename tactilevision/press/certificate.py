@@ -310,7 +310,7 @@ def evidence_of(
 
 
 def event_map(recording: Recording, reconstructor: Reconstructs, index: int | None) -> HeightMap | None:
-    """Return the height map of a frame by its number, in single precision; None where it cannot be read."""
+    """Return the height map (H, W) mm of a frame, in single precision; None where it cannot be read."""
     if index is None:
         return None
     try:
