@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactilevision.errors import InputError
 from tactilevision.files import cache
 from tactilevision.records.measured import Curve, Estimate
 
@@ -78,5 +79,7 @@ def test_a_record_is_made_once_and_read_with_all_its_parts(
         np.testing.assert_array_equal(curves["p1"].time_s, curve.time_s)
     with pytest.raises(TypeError, match="Path"):
         cache.packed_record(tmp_path)
+    with pytest.raises(InputError, match="no record"):
+        cache._unpacked({"class": "subprocess:Popen", "fields": {}}, {})
     hashed = [cache.packed_record(one, whatever=True) for one in (tmp_path, tmp_path / "a")]
     assert hashed[0] != hashed[1]

@@ -127,7 +127,9 @@ def _unpacked(value: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> Any:
     if not isinstance(value, dict):
         return value
     if "class" in value:
-        kind = resolve_name(value["class"])
+        kind = resolve_name(value["class"]) if value["class"].startswith(PACKAGE) else None
+        if not (isinstance(kind, type) and is_dataclass(kind)):
+            raise InputError("is no record", where=VARIABLE, value=value["class"], remedy="Delete the cache.")
         return kind(**{name: _unpacked(one, arrays) for name, one in value["fields"].items()})
     ((form, held),) = value.items()
     if form == "array":
