@@ -9,7 +9,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from hashlib import file_digest, sha256
+from functools import partial
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
+BLOCK = 1 << 20  # bytes of a file that are hashed at a time
 _SIZED = 7  # pictures of a bare folder whose sizes are compared
 _MAX_TRIALS = 10  # pictures to try for the size
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
@@ -382,7 +384,8 @@ def content_of(recording: Recording) -> str:
     frames = [] if folder is None else [folder] if video else [folder / name for name in recording.frame_names]
     for path in (*frames, *recording.flats, *(ball.path for ball in recording.balls)):
         with suppress(OSError, InputError), open_regular(path, limit=None) as file:
-            digest.update(file_digest(file, "sha256").digest())
+            for block in iter(partial(file.read, BLOCK), b""):
+                digest.update(block)
         digest.update(b"/")
     return digest.hexdigest()
 
