@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +71,7 @@ def test_a_record_is_made_once_and_read_with_all_its_parts(
     monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
     curve = Curve("p1", np.arange(3.0), np.ones(3), np.zeros((3, 3)), np.array(["load", "", "hold"]))
     nu = Estimate(None, None, (np.float64(0.4), 0.5), "1", "why")
-    made = iter([({"p1": curve}, [nu, float("nan"), True])])
+    made: Iterator[Any] = iter([({"p1": curve}, [nu, float("nan"), True])])
     first, again = (cache.kept_record("thing", "key", make=lambda: next(made)) for _ in range(2))
     for curves, (estimate, unknown, known) in (first, again):
         assert estimate == nu
