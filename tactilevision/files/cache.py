@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, TypeVar
@@ -100,9 +100,7 @@ def packed_record(record: object, *, whatever: bool = False) -> dict[str, bytes]
 
 
 def _packed(value: Any, arrays: dict[str, npt.NDArray[Any]], *, whatever: bool) -> Any:
-    def inner(one: Any) -> Any:
-        return _packed(one, arrays, whatever=whatever)
-
+    inner = partial(_packed, arrays=arrays, whatever=whatever)
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, bool | int | float | str):

@@ -380,8 +380,8 @@ def content_of(recording: Recording) -> str:
     for part in packed_record(recording, whatever=True).values():
         digest.update(part)
     folder = recording.frames_path
-    video = folder is not None and folder.is_file()
-    frames = [] if folder is None else [folder] if video else [folder / name for name in recording.frame_names]
+    names = ("",) if folder is not None and folder.is_file() else recording.frame_names  # "": the video itself
+    frames = [folder / name for name in names] if folder is not None else []
     for path in (*frames, *recording.flats, *(ball.path for ball in recording.balls)):
         with suppress(OSError, InputError), open_regular(path, limit=None) as file:
             for block in iter(partial(file.read, BLOCK), b""):
