@@ -97,7 +97,7 @@ CASES = (  # in this order: later ones read what earlier ones wrote
     Case("force, 404 frames, second run", (*FORCE, "forces")),
     Case("depth, 404 frames, second run", DEPTH),
     Case("diagnose, curves", ("diagnose", CURVES, "--workers", "1", "--out", "diagnosis")),
-    Case("validate", ("validate", "results", "--out", "validation")),
+    Case("validate", ("validate", SAMPLE, "--calibration", RESULTS, "--out", "validation")),
     Case("five lines of README, first run", lines=_lines("gelslim3", 96), fresh=True),
     Case("five lines of README, second run", lines=_lines("gelslim3", 96)),
     Case("a deep frame", lines=_lines("gelslim3", 102, times=50), timed=True),

@@ -29,16 +29,19 @@ from calibration.tasks.diagnose import diagnose
 from calibration.tasks.validate import Validation, middle_material, validate
 from tactilevision.cluster.pool import cluster_pool, step_pool
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
+from tactilevision.files.cache import kept_record
 from tactilevision.force.calibrated import read_material
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.press.certificate import Certificate
+from tactilevision.press.certificate import Certificate, event_map
 from tactilevision.press.certification import certify
 from tactilevision.press.poisson_from_rise import with_nu
 from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import content_of
 from tactilevision.recording.read import Source, oldest_first, read_recordings
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import NU_SILICONE
+from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Estimate
 
 if TYPE_CHECKING:
@@ -388,16 +391,28 @@ def _certify(
         method = "polynomial" if recording.balls else None
         reconstructor = build_reconstructor(recording, method, progress=progress)
     listener.warn(reconstructor.warnings)
-    with listener.progress_bar("certifying presses") as progress:
-        certificate = certify(recording, reconstructor, progress=progress)
-    certificate, nu = certificate if scale_doubt else certificate.without_scale_doubt(), None
+    maps: dict[str, HeightMap | None] = {}  # of the events; those of a kept certificate are made again
+
+    def made() -> tuple[Certificate, Estimate | None]:
+        with listener.progress_bar("certifying presses") as progress:
+            found, nu = certify(recording, reconstructor, progress=progress), None
+        if poisson_ratio:  # depths are corrected by it where nothing better is stated
+            with listener.progress_bar("reading the gel outside the contact"):
+                found, nu = with_nu(recording, reconstructor, certificate=found)
+        maps.update({name: one.height_map for name, one in found.evidence.items()})
+        bare = {name: replace(one, height_map=None) for name, one in found.evidence.items()}
+        return replace(found, evidence=bare), nu
+
+    certificate, nu = (
+        made() if method is None else kept_record("certificate", (poisson_ratio, content_of(recording)), make=made)
+    )
+    evidence = {
+        name: replace(one, height_map=maps[name] if maps else event_map(recording, reconstructor, one.frame_index))
+        for name, one in certificate.evidence.items()
+    }
+    certificate = replace(certificate, evidence=evidence)
+    certificate = certificate if scale_doubt else certificate.without_scale_doubt()
     listener.warn(certificate.warnings)
-    if poisson_ratio:  # depths are corrected by it where nothing better is stated
-        with listener.progress_bar("reading the gel outside the contact"):
-            more, nu = with_nu(recording, reconstructor, certificate=certificate)
-        more = more if scale_doubt else more.without_scale_doubt()
-        listener.warn(more.warnings[len(certificate.warnings) :])
-        certificate = more
     certificate = replace(certificate, warnings=(*reconstructor.warnings, *certificate.warnings))
     return CertifiedRecording(recording, certificate, reconstructor, nu)
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tactilevision.errors import InputError
 from tactilevision.files import cache
+from tactilevision.records.measured import Curve, Estimate
 
 
 def test_a_table_is_kept_read_again_and_made_anew_where_it_is_torn(
@@ -59,3 +63,25 @@ def test_the_files_used_least_recently_make_room(tmp_path: Path, monkeypatch: py
     assert len(list(tmp_path.iterdir())) == 2
     sizes = [len(cache.kept("thing", number, make=lambda: {"a": b""})["a"]) for number in (2, 1, 0)]
     assert sizes == [1_000_000, 1_000_000, 0]
+
+
+def test_a_record_is_made_once_and_read_with_all_its_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    curve = Curve("p1", np.arange(3.0), np.ones(3), np.zeros((3, 3)), np.array(["load", "", "hold"]))
+    nu = Estimate(None, None, (np.float64(0.4), 0.5), "1", "why")
+    made: Iterator[Any] = iter([({"p1": curve}, [nu, float("nan"), True])])
+    first, again = (cache.kept_record("thing", "key", make=lambda: next(made)) for _ in range(2))
+    for curves, (estimate, unknown, known) in (first, again):
+        assert estimate == nu
+        assert np.isnan(unknown)
+        assert known is True
+        np.testing.assert_array_equal(curves["p1"].phase, curve.phase)
+        np.testing.assert_array_equal(curves["p1"].time_s, curve.time_s)
+    with pytest.raises(TypeError, match="Path"):
+        cache.packed_record(tmp_path)
+    with pytest.raises(InputError, match="no record"):
+        cache._unpacked({"class": "subprocess:Popen", "fields": {}}, {})
+    hashed = [cache.packed_record(one, whatever=True) for one in (tmp_path, tmp_path / "a")]
+    assert hashed[0] != hashed[1]

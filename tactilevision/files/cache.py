@@ -8,13 +8,17 @@ is ignored. Beyond MOST_MB the files used least recently are removed.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import cache
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from pkgutil import resolve_name
+from typing import Any, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError, OutputError
@@ -25,6 +29,8 @@ from tactilevision.files.writing import pack_arrays, replacing, write_archive
 MOST_MB = 500  # of all files together
 VARIABLE = "TACTILEVISION_CACHE"  # of the environment: the folder
 OFF = "off"  # instead of a folder: nothing is kept
+PACKAGE = "tactilevision."  # of the classes that are kept
+T = TypeVar("T")
 KEY = "key"  # name of the file with the whole key
 
 
@@ -39,10 +45,10 @@ def cache_folder() -> Path | None:
 
 @cache
 def source_digest() -> str:
-    """Return a hash of this package's source files: another revision computes anew."""
+    """Return a hash of this package's source files and cards: another revision computes anew."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
+    for path in sorted((*package.rglob("*.py"), *package.rglob("*.json"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:20]
 
@@ -68,6 +74,68 @@ def kept_array(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) 
     """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
     files = kept(name, key, make=lambda: {"table.npz": pack_arrays({"table": make()}, small=False)})
     return unpack_arrays(files["table.npz"], where=Path(name))["table"]
+
+
+# Records of this package, with tuples, mappings, arrays, texts and numbers in them: JSON, and arrays beside it.
+
+RECORD, ARRAYS = "record.json", "arrays.npz"
+
+
+def kept_record(name: str, key: object, *, make: Callable[[], T]) -> T:
+    """Return the record of `key`: read from the cache, else made and kept; the first time from the same bytes."""
+    files = kept(name, key, make=lambda: packed_record(make()))
+    arrays = unpack_arrays(files[ARRAYS], where=Path(name))
+    found: T = _unpacked(json.loads(files[RECORD]), arrays)
+    return found
+
+
+def packed_record(record: object, *, whatever: bool = False) -> dict[str, bytes]:
+    """Return the files of a record; `whatever`: others stand there as their repr, for a hash of all.
+
+    Raises TypeError for what is no record.
+    """
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    text = json.dumps(_packed(record, arrays, whatever=whatever))
+    return {RECORD: text.encode(), ARRAYS: pack_arrays(arrays, small=False)}
+
+
+def _packed(value: Any, arrays: dict[str, npt.NDArray[Any]], *, whatever: bool) -> Any:
+    inner = partial(_packed, arrays=arrays, whatever=whatever)
+    if isinstance(value, np.generic):
+        return value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        arrays[f"a{len(arrays)}"] = value
+        return {"array": f"a{len(arrays) - 1}"}
+    if isinstance(value, tuple | list):
+        return {type(value).__name__: [inner(one) for one in value]}
+    if isinstance(value, Mapping):
+        return {"mapping": [[inner(key), inner(one)] for key, one in value.items()]}
+    kind = type(value)
+    if is_dataclass(value) and kind.__module__.startswith(PACKAGE):
+        parts = {field.name: inner(getattr(value, field.name)) for field in fields(value)}
+        return {"class": f"{kind.__module__}:{kind.__name__}", "fields": parts}
+    if not whatever:
+        raise TypeError(f"{kind.__name__} is not kept")
+    return repr(value)
+
+
+def _unpacked(value: Any, arrays: Mapping[str, npt.NDArray[Any]]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "class" in value:
+        kind = resolve_name(value["class"]) if value["class"].startswith(PACKAGE) else None
+        if not (isinstance(kind, type) and is_dataclass(kind)):
+            raise InputError("is no record", where=VARIABLE, value=value["class"], remedy="Delete the cache.")
+        return kind(**{name: _unpacked(one, arrays) for name, one in value["fields"].items()})
+    ((form, held),) = value.items()
+    if form == "array":
+        return arrays[held]
+    if form == "mapping":
+        return {_unpacked(key, arrays): _unpacked(one, arrays) for key, one in held}
+    each = [_unpacked(one, arrays) for one in held]
+    return tuple(each) if form == "tuple" else each
 
 
 def remembered(name: str, key: object) -> str:

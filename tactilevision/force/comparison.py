@@ -166,7 +166,7 @@ def write_comparison(
 ) -> Path | None:
     """Write the recording of curves into `folder`; return None if no press has enough frames with both forces.
 
-    `rows`, one a frame, are forces by `field`; `maps` returns height and shear of a frame by its number.
+    `rows`, one a frame, are forces by `field`; `maps` returns depth and shear (H, W) mm of a frame by its number.
     `material_std` is the relative std of a force by the calibration. Where no presses are listed, each run of
     frames with contact is one.
     """

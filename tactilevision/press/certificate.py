@@ -296,7 +296,7 @@ def evidence_of(
         frame_index=index,
         frame_name=name,
         footprint=track.footprint,
-        height_map=_height_map(recording, reconstructor, index),
+        height_map=event_map(recording, reconstructor, index),
         bevel_window_mm=_window(press_evidence),
         time_s=track.time_s,
         depth_mm=track.depth_mm,
@@ -309,7 +309,8 @@ def evidence_of(
     )
 
 
-def _height_map(recording: Recording, reconstructor: Reconstructs, index: int | None) -> HeightMap | None:
+def event_map(recording: Recording, reconstructor: Reconstructs, index: int | None) -> HeightMap | None:
+    """Return the height map (H, W) mm of a frame, in single precision; None where it cannot be read."""
     if index is None:
         return None
     try:

@@ -9,15 +9,20 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.files.opening import check_plain, inside, read_bytes
+from tactilevision.files.cache import packed_record
+from tactilevision.files.opening import check_plain, inside, open_regular, read_bytes
 from tactilevision.files.pictures import orientation
 from tactilevision.recording import layout
 from tactilevision.recording.images import (
@@ -36,6 +41,7 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
+BLOCK = 1 << 20  # bytes of a file that are hashed at a time
 _SIZED = 7  # pictures of a bare folder whose sizes are compared
 _MAX_TRIALS = 10  # pictures to try for the size
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
@@ -366,6 +372,22 @@ def read_reference(recording: Recording, path: Path) -> Bytes:
     if recording.frame_size_px is not None:
         check_size((rgb.shape[1], rgb.shape[0]), recording.frame_size_px, path)
     return rgb
+
+
+def content_of(recording: Recording) -> str:
+    """Return a hash of a recording with all its pictures, and of the libraries that read them."""
+    digest = sha256(repr((np.__version__, cv2.__version__, scipy.__version__)).encode())
+    for part in packed_record(recording, whatever=True).values():
+        digest.update(part)
+    folder = recording.frames_path
+    names = ("",) if folder is not None and folder.is_file() else recording.frame_names  # "": the video itself
+    frames = [folder / name for name in names] if folder is not None else []
+    for path in (*frames, *recording.flats, *(ball.path for ball in recording.balls)):
+        with suppress(OSError, InputError), open_regular(path, limit=None) as file:
+            for block in iter(partial(file.read, BLOCK), b""):
+                digest.update(block)
+        digest.update(b"/")
+    return digest.hexdigest()
 
 
 def _frames(recording: Recording, wanted: list[int]) -> Iterator[Frame | BadFrame]:

@@ -143,8 +143,6 @@ def _power(picture: Singles, block: int = 1) -> Singles:
 
 def _blocks(picture: Singles, block: int) -> Singles:
     """Return means over blocks of so many pixels across."""
-    if block == 1:
-        return picture
     return np.asarray(cv2.resize(picture, None, fx=1 / block, fy=1 / block, interpolation=cv2.INTER_AREA))
 
 
