@@ -24,7 +24,9 @@ def off_centre_mm() -> Floats:
 def test_a_dome_stated_flat_is_named() -> None:
     x, y = places()
     height = np.sqrt(np.maximum(CURVATURE_MM**2 - x**2 - y**2, 1.0))
-    seen = make_reference([picture(x / height, y / height, RNG, gain=(off_centre_mm() < RADIUS_MM)[..., None])])
+    seen = make_reference(
+        [picture(x / height, y / height, RNG, gain=(off_centre_mm() < RADIUS_MM).astype(float)[..., None])]
+    )
     assert round_outline_px(seen) == pytest.approx(RADIUS_MM / MM_PER_PX, rel=0.01)
     (said,) = round_outline_warning(seen, replace(SENSOR, gel=Gel(3.0)))
     assert '"dome" for a round finger' in said
