@@ -1,7 +1,8 @@
 """Seconds of processor time until the page names the cause, and until the error has fallen, on five samples.
 
 Each sample is walked through twice: on a wide light screen by the verdict's own button, and on a narrow dark one
-by the cards, with undo and redo. The time is that of the command and its processes, without the browser's.
+by the cards, with undo and redo. The cache is empty at the start. The time is that of the command and its
+processes, without the browser's.
 
 python -m benchmarks.walks [--screenshots FOLDER]
 """
@@ -50,7 +51,7 @@ def walk(name: str, browser: Any, screenshots: Path | None, *, narrow: bool, who
         command = [sys.executable, "-m", "tactilevision", "workbench", SAMPLES / name, "--no-browser", "--out"]
         with subprocess.Popen(
             [*map(str, command), f"{folder}/out"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-            start_new_session=True,
+            start_new_session=True, env=os.environ | {"TACTILEVISION_CACHE": f"{folder}/cache"},
         ) as server:  # fmt: skip
             assert server.stdout is not None
             found = re.search(r"http://\S+", server.stdout.readline())
