@@ -91,7 +91,7 @@ def test_json_is_printed_alone_and_quiet_prints_nothing(
     printed = capsys.readouterr()
     assert json.loads(printed.out)["reached"] is False
     assert "half widths" in printed.err
-    assert run(monkeypatch, "new-effect", tmp_path / "quiet.py", "-q") == 0
+    assert run(monkeypatch, "plan", PAPER, "-q") == 0
     assert capsys.readouterr().out == ""
     assert run(monkeypatch, "new-effect", tmp_path / "mine.py") == 0
     assert "wrote" in capsys.readouterr().out, "a later command is not quiet"
