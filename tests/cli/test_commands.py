@@ -233,7 +233,7 @@ def test_no_name_of_a_recording_leads_out_of_the_folder_of_results(
         (folder / "recording.toml").write_text(dated)
     out = tmp_path / "results" / "out"
     days = (tmp_path / "in" / str(day) for day in (1, 2))
-    assert run(monkeypatch, "calibrate", *days, "--law", "paper", "--no-test", "--out", out) == 0
+    assert run(monkeypatch, "calibrate", *days, "--no-test", "--out", out) == 0
     assert (out / "01_a_.._.._b" / "calibration.json").is_file()
     assert read_recording(out / "01_a_.._.._b").points, "each folder of results is a recording of points"
     assert read_recording(out).points
