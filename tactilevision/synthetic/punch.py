@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
+from tactilevision.files.cache import kept_record
 from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Bools, Floats, Material, Pair
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface, lookup, smooth_step
@@ -93,7 +94,22 @@ def punch_profile(
     edge_radius_mm: float = EDGE_RADIUS_MM,
     pad_radius_mm: float = PAD_RADIUS_MM,
 ) -> PunchProfile:
-    """Solve a punch on a layer, in some seconds. Raises ConvergenceError where not even two depths are solved."""
+    """Solve a punch on a layer, in some seconds, or read it from the cache.
+
+    Raises ConvergenceError where not even two depths are solved.
+    """
+    problem = (poisson_ratio, radius_mm, thickness_mm, friction, edge_radius_mm, pad_radius_mm)
+    return kept_record("punch", problem, make=lambda: _solved(*problem))
+
+
+def _solved(
+    poisson_ratio: float,
+    radius_mm: float,
+    thickness_mm: float,
+    friction: float,
+    edge_radius_mm: float,
+    pad_radius_mm: float,
+) -> PunchProfile:
     from scipy.interpolate import CubicSpline
 
     from tactilevision.mechanics.punch_fem.contact import RoundedPunch

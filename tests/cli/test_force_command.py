@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.effects import EFFECTS
 from tactilevision.cli import depth as command, main
 from tactilevision.force.comparison import shear_summary
 from tactilevision.force.field import NO_CONTACT
@@ -22,6 +23,7 @@ from tactilevision.recording.read import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
 FRAMES = 30  # of 162: a few presses
+BALLS = 8  # of 20: enough for a light whose own fit is not what is tested
 CALIBRATION: dict[str, Any] = {
     "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
     "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},
@@ -41,6 +43,7 @@ def recording(tmp_path: Path) -> Path:
     settings = (path / "recording.toml").read_text()
     assert 'shape = "disc"' in settings
     (path / "recording.toml").write_text(settings.replace('shape = "disc"', 'shape = "unbounded"'))
+    shorten(path / "reference" / "ball.csv", BALLS)
     return path
 
 
@@ -55,18 +58,17 @@ def force(
     return main(), out
 
 
-def shorten(recording: Path, frames: int) -> None:
-    """The first frames alone: enough for a few presses."""
-    table = recording / "frames.csv"
-    table.write_text("\n".join(table.read_text().splitlines()[: frames + 1]) + "\n")
+def shorten(table: Path, rows: int) -> None:
+    """Keep the first rows of a table alone."""
+    table.write_text("\n".join(table.read_text().splitlines()[: rows + 1]) + "\n")
 
 
 def test_a_press_becomes_forces_figures_and_numbers(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = recording.parent / "r.json"
-    shorten(recording, FRAMES)
-    monkeypatch.setattr(command, "MOST_S", 0)  # the diagnosis has its own tests: here it ends with what it has
+    shorten(recording / "frames.csv", FRAMES)
+    monkeypatch.setattr("calibration.tasks.diagnose.effects_for", lambda _: [EFFECTS["clock_offset"]])
     code, out = force(monkeypatch, recording, CALIBRATION, "--json", told, "--pictures", 1)
     assert code == 0
     with (out / "resultants.csv").open() as file:
@@ -89,6 +91,9 @@ def test_a_press_becomes_forces_figures_and_numbers(
     assert 0.6 < result["measured"]["z"]["ratio"] < 1.4
     assert result["shear"]["known"] == 0
     assert "follow" in result["shear"]["why"], "an ink without grain: the output says why fx and fy are not there"
+    assert "clock_offset" in result["diagnosis"]["candidates"]
+    assert not result["diagnosis"]["stopped"], "the diagnosis comes to its end"
+    assert (out / "diagnosis" / "report.html").is_file()
     beside = read_recording(out / "beside")
     assert {curve.press for curve in beside.curves} == {press.press for press in beside.presses}
     assert beside.curves[0].extra["picture_fz_N"].max() > 0.1
@@ -111,7 +116,7 @@ def test_a_calibration_of_another_gel_is_refused(
 def test_a_gel_that_the_force_sensor_finds_stiffer_is_warned_of(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shorten(recording, 60)
+    shorten(recording / "frames.csv", 60)
     softer = CALIBRATION | {"youngs_modulus_MPa": 0.05}
     assert force(monkeypatch, recording, softer, "--pictures", 0)[0] == 0
     assert "another sensor" in capsys.readouterr().err
