@@ -111,11 +111,12 @@ def stiffness_parts(mesh: GelMesh, spans: Iterable[Span]) -> Iterator[tuple[spar
 
     def on(span: Span, part: Callable[[int, int], list[tuple[Any, Any]]]) -> sparse.csc_array:
         up, faces = span.levels, span.faces
-        blocks = [
-            [sum(sparse.kron(up.T @ a @ up, faces[i].T @ b @ faces[j]) for a, b in part(i, j)) for j in range(3)]
-            for i in range(3)
-        ]
-        return sparse.csc_array(sparse.block_array(blocks))
+
+        def block(i: int, j: int) -> sparse.csr_array:
+            return sum(sparse.kron(up.T @ a @ up, faces[i].T @ b @ faces[j]) for a, b in part(i, j))
+
+        columns = [sparse.vstack([block(i, j) for i in range(3)], format="csc") for j in range(3)]
+        return sparse.csc_array(sparse.hstack(columns, format="csc"))  # a third of the copies at a time
 
     yield from ((on(span, shear), on(span, volume)) for span in spans)
 
@@ -347,7 +348,7 @@ def solve_sides(
     """Return the displacement (ratios, 3 S, 3 S), mm/N at 1 MPa, that the free sides add at `places_mm` (S, 2)."""
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     near = from_side(gel, places_mm) < FORGETS * gel.thickness_mm
-    stations, spans = interpolation(mesh.face, places_mm[near]), list(symmetric_parts(mesh))
+    stations = interpolation(mesh.face, places_mm[near])
     three, index = np.arange(3), np.flatnonzero(near)
     tables = np.zeros((len(poisson_ratios), len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
     loads = [
@@ -364,33 +365,39 @@ def solve_sides(
         )
         for nu in poisson_ratios
     ]
-    for span, (shear, volume) in zip(spans, stiffness_parts(mesh, spans), strict=True):
-        for table, nu, load in zip(tables, poisson_ratios, loads, strict=True):
-            matrix = combined(shear, volume, poisson_ratio=nu)
-            seen = _of_one_symmetry(mesh, span.basis, matrix, load, stations)
+    for span in symmetric_parts(mesh):
+        for table, seen in zip(tables, _of_one_symmetry(mesh, span, poisson_ratios, loads, stations), strict=True):
             table[np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
     return tables.reshape(len(poisson_ratios), 3 * len(places_mm), 3 * len(places_mm))
 
 
 def _of_one_symmetry(
-    mesh: GelMesh, basis: sparse.csr_array, matrix: sparse.csc_array, loads: Floats, stations: sparse.csr_array
-) -> Floats:
-    """Return the displacement (3 S, 3 S) at the stations by the part of the `loads` that the basis spans."""
+    mesh: GelMesh,
+    span: Span,
+    poisson_ratios: Sequence[float],
+    loads: Sequence[Floats],
+    stations: sparse.csr_array,
+) -> Iterator[Floats]:
+    """Yield, for each ratio, the displacement (3 S, 3 S) at the stations by the part of its loads in `span`.
+
+    One stiffness is held at a time, and none of another span.
+    """
+    basis, ((shear, volume),) = span.basis, stiffness_parts(mesh, [span])
     on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
     loaded = np.flatnonzero(np.diff(on_wall.indptr))
-    shapes, sizes, mix = np.linalg.svd(-(on_wall[loaded] @ loads), full_matrices=False)
-    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    factor = splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    right = np.zeros((basis.shape[1], rank))
-    right[loaded] = shapes[:, :rank]
-    solved = factor.solve(right)
-    answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
-    return np.asarray(answers.reshape(-1, rank) @ (sizes[:rank, None] * mix[:rank]))
+    for nu, load in zip(poisson_ratios, loads, strict=True):
+        shapes, sizes, mix = np.linalg.svd(-(on_wall[loaded] @ load), full_matrices=False)
+        rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
+        right = np.zeros((basis.shape[1], rank))
+        right[loaded] = shapes[:, :rank]
+        solved = splu(
+            combined(shear, volume, poisson_ratio=nu),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        ).solve(right)
+        answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
+        yield np.asarray(answers.reshape(-1, rank) @ (sizes[:rank, None] * mix[:rank]))
 
 
 def _element_mm(gel: Gel) -> float:

@@ -72,9 +72,11 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
     press = _press(case, depths, 1.0)
     kept, ended = len(press.force), press.ended
     if 0 < press.sound < kept:
-        kept = agreed(press, _press(case, depths, COARSER))
+        brink = [BRINK * depths[kept - 1]] if kept < len(depths) else []
+        compared = (*depths[:kept], *brink)  # no deeper, but as far as a depth needs to be kept
+        kept = agreed(press, _press(case, compared, COARSER))
         if kept < len(press.force) and not press.lost:
-            kept = max(kept, agreed(press, _press(case, depths, FINER)))
+            kept = max(kept, agreed(press, _press(case, compared, FINER)))
         ended = HANGS if kept < len(press.force) else ended
     ended = LOST if ended and press.lost else ended
     if (steady := before_a_jam(case, depths[:kept], force=press.force[:kept])) < kept:
