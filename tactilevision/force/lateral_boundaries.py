@@ -112,7 +112,7 @@ def stiffness_parts(mesh: GelMesh, spans: Iterable[Span]) -> Iterator[tuple[spar
     def on(span: Span, part: Callable[[int, int], list[tuple[Any, Any]]]) -> sparse.csc_array:
         up, faces = span.levels, span.faces
 
-        def block(i: int, j: int) -> sparse.csr_array:
+        def block(i: int, j: int) -> Any:
             return sum(sparse.kron(up.T @ a @ up, faces[i].T @ b @ faces[j]) for a, b in part(i, j))
 
         columns = [sparse.vstack([block(i, j) for i in range(3)], format="csc") for j in range(3)]
