@@ -83,7 +83,8 @@ class Model:
         """Return the force (N,) and d force/d parameter (N, p), by the chain rule; 0 for those not `free`."""
         free = np.ones(values.size, dtype=bool) if free is None else free
         table = np.zeros((data.size, values.size))
-        force: Any = self.state(cast(Any, Dual(values, np.eye(values.size)[free])), data).force_N
+        with np.errstate(all="ignore"):  # slopes of a branch that is not chosen may be NaN
+            force: Any = self.state(cast(Any, Dual(values, np.eye(values.size)[free])), data).force_N
         if moves(force):
             table[:, free] = force.whole.T
         return value_of(force), table
