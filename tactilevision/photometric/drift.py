@@ -458,7 +458,7 @@ class DriftTracker:
         """
         xp, gain = namespace(drift), 1.0 + self.power * drift[..., 0]
         mixed = xp.amax(xp.abs(drift[..., 3:]), (-2, -1)) >= self.power * CONVERGENCE_TOL
-        level = filled(gain ** (1.0 / self.power), mixed[..., None], 1.0)
+        level = filled(gain, mixed[..., None], 1.0) ** (1.0 / self.power)
         gains = xp.concatenate([(level - 1.0)[..., None], drift[..., 1:3] * (level / gain)[..., None]], -1)
         same = xp.eye(3, dtype=drift.dtype, device=drift.device)
         mix = same * (gain - drift[..., 4] - drift[..., 5])[..., None]

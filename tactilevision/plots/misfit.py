@@ -152,7 +152,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
         axes.plot(strip.values + aside, residual_mN, ".", ms=LOOK.dot, mew=0, color=colour, alpha=pale)
         axes.errorbar(strip.centre + aside, KILO * strip.mean_N[k], yerr=KILO * strip.reach95_N[k], fmt="o",
                       color=colour, elinewidth=LOOK.line, label=f"{shown.models[k]} (mean, 95 %)")  # fmt: skip
-        _outside(axes, strip.values + aside, shown, model=k, colour=colour)
+        _outside(axes, strip.values + aside, shown, model=k, line=place, colour=colour)
     style.zero_line(axes)
     _reach(axes, KILO * shown.reach_N)
     words = [evidence(strip.p_adjusted[k], strip.p_trend[k]) for k in kept]
@@ -162,22 +162,20 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
     axes.set_ylabel(LEFT, fontsize=LOOK.small)
 
 
-def _outside(axes: Axes, x: Floats, shown: ResidualStrips, *, model: int, colour: str) -> None:
-    """Mark the farthest sample of each press that reaches beyond the panel, and name the first few presses."""
-    width, named = float(np.ptp(x)) or 1.0, dict[tuple[float, int], tuple[float, list[str]]]()
-    for place, (press, k) in enumerate(shown.outside(model).items()):
+def _outside(axes: Axes, x: Floats, shown: ResidualStrips, *, model: int, line: int, colour: str) -> None:
+    """Mark the farthest sample of each press that reaches beyond the panel, and name the first few in a line."""
+    named: dict[float, list[str]] = {1.0: [], -1.0: []}
+    for press, k in shown.outside(model).items():
         side = float(np.sign(shown.residual_N[model, k]))
         axes.plot(x[k], side * _end(shown), "^" if side > 0 else "v", ms=LOOK.best, mew=0, color=colour)
-        if place < NAMED:  # those at one place in one line
-            named.setdefault((side, round(float(x[k]) / width / LOOK.room)), (float(x[k]), []))[1].append(press)
-    for (side, _), (at, presses) in named.items():
-        right = at - float(x.min()) > width / 2
+        named[side].append(press)
+    for side, presses in named.items():
         axes.annotate(
-            ", ".join(map(style.as_label, presses)),
-            (at, side * _end(shown)),
+            ", ".join(map(style.as_label, presses[:NAMED])),
+            (0, (1 + side) / 2),
+            xycoords="axes fraction",
             textcoords="offset points",
-            xytext=(-LOOK.mark if right else LOOK.mark, -side * LOOK.mark),
-            ha="right" if right else "left",
+            xytext=(LOOK.mark, -side * (LOOK.best + line * 1.2 * LOOK.small)),
             va="top" if side > 0 else "bottom",
             color=colour,
             fontsize=LOOK.small,
