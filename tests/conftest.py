@@ -11,13 +11,6 @@ import pytest
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy and torch are first imported
     os.environ.setdefault(threads, "1")
 
-# Files with tests of many seconds begin, so that the run does not end with one worker on them alone.
-LONG = ("against_sensor", "bench", "browser", "force_command", "fuzz_corpus", "one_number", "samples")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONG)
-
 
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):  # workers are started from here, and inherit the folder's name
