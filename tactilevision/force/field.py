@@ -62,7 +62,7 @@ NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 ASSUMED = "material_assumed"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
-DEEP = "deeper than the presses of the calibration: theory alone tells how much stiffer the gel is"
+DEEP = "deeper than the presses of the calibration: its stiffening is extrapolated"
 BEYOND = 1.1  # of the deepest and the fastest press: less is their own error
 
 

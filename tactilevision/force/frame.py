@@ -99,7 +99,7 @@ class TractionStore:
 
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
-FAST = "faster than the presses of the calibration: the gel answers stiffer"
+FAST = "faster than the presses of the calibration: a viscoelastic gel is stiffer"
 RATE_S = 0.2  # over which a rate is taken
 RATE_MM = 0.03  # error of a change of depth
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
