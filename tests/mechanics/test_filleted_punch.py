@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from tactilevision.mechanics import filleted_punch
 from tactilevision.mechanics.filleted_punch import rounded_contact
@@ -82,3 +83,10 @@ def test_what_is_kept_of_the_layer_is_as_good_as_stated() -> None:
         ratio, v = float(rng.uniform(0.2, 1.5)), rng.uniform(0.1, 0.99, 6)
         kept = filleted_punch._of_layers([nu], np.full((1, 6), ratio), v[None])[:, 0]
         np.testing.assert_allclose(kept, filleted_punch.exact_ratios(nu, ratio, v=v), rtol=2e-4)
+
+
+def test_splines_of_many_punches_are_scipys() -> None:
+    rng = np.random.default_rng(3)
+    x, y = np.cumsum(rng.uniform(0.1, 2, (3, 9)), axis=1), rng.normal(size=(3, 9, 2))
+    for one, at, values in zip(filleted_punch._splines(x, y), x, y, strict=True):
+        np.testing.assert_allclose(one, CubicSpline(at, values).c, rtol=1e-9, atol=1e-9)
