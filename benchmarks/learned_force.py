@@ -350,7 +350,12 @@ def main(arguments: Sequence[str] = ()) -> None:
 
 
 def quick() -> None:
-    compare(24, 2)
+    """Print the errors on two frames of seen shapes in the light of the calibration."""
+    ours, (known, true) = calibrated(HOME), frames(HOME, SEEN, 8, seed=1, kept=None)
+    pictures, forces = frames(HOME, SEEN, 2, seed=2, kept=None)
+    print("ours ", summary(ours(pictures), forces))
+    print("ridge", summary(ridge(known, true, ours.depth)(rebased(pictures, HOME)), forces))
+    print("network", summary(network(known, true)(rebased(pictures, HOME)), forces))
 
 
 if __name__ == "__main__":
