@@ -51,8 +51,8 @@ print((time.process_time() - began) / {times})
 README = HERE / "README.md"
 STATED = re.compile(".*<!-- bench-speed -->")
 LINE = (  # of README: its times by case
-    "On one core of {machine}, calibration takes {five lines of README, first run:.2g} s, and "
-    "{five lines of README, second run:.2g} s once it is in the [cache](docs/start/two_commands.md#cache). "
+    "On one core of {machine}, these lines take {five lines of README, first run:.2g} s with imports, and "
+    "{five lines of README, second run:.2g} s once the light is in the [cache](docs/start/two_commands.md#cache). "
     "A deep map takes {a deep frame:.2g} ms. <!-- bench-speed -->"
 )
 
