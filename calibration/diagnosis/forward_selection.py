@@ -312,7 +312,7 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
     if best.p_adjusted > level:
         return current
     with suppress(*CANNOT_FIT):
-        noise = adopt(current, refit_with(current, by_key[best.key])).noise
+        noise = adopt(current, refit_with(current, by_key[best.key]), quick=True).noise
         after, before = (np.mean(one.of_press_N(current.about) ** 2) for one in (noise, current.noise))
         if after < before:
             return replace(fit_again(current, noise=noise), warnings=current.warnings)

@@ -10,6 +10,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from calibration.fit.least_squares import (
+    FINE,
     QUICK,
     Fit,
     Minimum,
@@ -246,15 +247,20 @@ def adopt(base: Fit, candidate: Candidate, *, quick: bool = False) -> Fit:
     A threshold changes the noise, too, so that the best under another noise may be a wrong minimum: it is fitted
     from all its starts, unless `quick`, and the likelihood of each with its own noise decides.
     """
-    places, values = [candidate.values], candidate.values
+    places, values, model = [candidate.values], candidate.values, candidate.model
     if candidate.effect.threshold and not quick:
-        own = candidate.model.slices(base.data)[candidate.effect.key]
+        own = model.slices(base.data)[candidate.effect.key]
         starts = candidate.effect.starts(base.data)
         places += [np.concatenate([values[: own.start], start, values[own.stop :]]) for start in starts]
-    fits = []
+    distinct, fits = list[tuple[Fit, Floats]](), list[Fit]()
     for place in places:
         with suppress(*CANNOT_FIT):
-            fits.append(_settled(base, candidate.model, place))
+            first = _first(base, model, place.tobytes())
+            if not any(_same(first, other) for other, _ in distinct):
+                distinct.append((first, place))
+    for _, place in distinct:
+        with suppress(*CANNOT_FIT):
+            fits.append(_settled(base, model, place))
     if not fits:
         raise ConvergenceError(f"{candidate.effect.key} does not fit from any of its starts")
     costs = [one.chi2 + log_volume(one) for one in fits]
@@ -282,9 +288,26 @@ def _settled(base: Fit, model: Model, values: Floats) -> Fit:
 def _settled_from(base: Fit, model: Model, start: bytes) -> Fit:
     from calibration.fit.repeats import refit_with_pure_noise
 
-    starts = np.frombuffer(start)[None]
-    fitted = refit_with_pure_noise(fit(model, base.data, noise=base.noise, starts=starts, tolerances=False))
+    fitted = refit_with_pure_noise(_first(base, model, start), ftol=_tolerance(model))
     return replace(_by_own_slopes(fitted), warnings=base.warnings)
+
+
+@lru_cache(maxsize=24)  # starts that lead to one minimum are told by it before more is computed
+def _first(base: Fit, model: Model, start: bytes) -> Fit:
+    """Return the fit from a start under the noise of `base`."""
+    starts = np.frombuffer(start)[None]
+    return fit(model, base.data, noise=base.noise, starts=starts, tolerances=False, ftol=_tolerance(model))
+
+
+def _tolerance(model: Model) -> float:
+    """Return how exact a minimum is to be: about a threshold, where slopes jump, none is exact."""
+    return QUICK if any(effect.threshold for effect in model.effects) else FINE
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    """Return whether two fits of a model are one minimum."""
+    near = np.abs(one.values - other.values) <= SAME * np.sqrt(np.diag(one.covariance))
+    return abs(one.chi2 - other.chi2) < SAME and bool(near.all())
 
 
 def _by_own_slopes(fitted: Fit) -> Fit:
@@ -292,7 +315,7 @@ def _by_own_slopes(fitted: Fit) -> Fit:
 
     About a threshold, where slopes jump, chi^2 under the linearisation before may be less by hundreds.
     """
-    if not any(effect.threshold for effect in fitted.model.effects):
+    if _tolerance(fitted.model) == FINE:
         return fitted
     problem = fitted.problem
     found = fit_without(problem, fitted.values, np.zeros(fitted.data.size, dtype=bool))

@@ -297,10 +297,12 @@ def fit(
     noise: Noise | None = None,
     starts: Floats | None = None,
     tolerances: bool = True,
+    ftol: float = FINE,
 ) -> Fit:
     """Fit `model` to `data`; the noise is estimated unless given.
 
-    `starts` (s, p) replaces the model's own. Raises InputError for more free parameters than the data can carry.
+    `starts` (s, p) replaces the model's own; `ftol` is the tolerance of its last minimum. Raises InputError for
+    more free parameters than the data can carry.
     """
     whole = with_tolerances(model, data) if tolerances else model
     parameters = whole.parameters(data)
@@ -311,7 +313,7 @@ def fit(
     turns = MAX_ITERATIONS if noise is None else 2
     for turn in range(turns):
         problem = Problem(whole, data, parameters, Whitener(data, current, about))
-        found = problem.solve(points, tolerance=FINE if turn == turns - 1 else QUICK)
+        found = problem.solve(points, tolerance=ftol if turn == turns - 1 else QUICK)
         values = problem.full(found.values)
         about, stated = linearise(whole, values, data=data)
         points = values[None]
@@ -321,10 +323,12 @@ def fit(
     return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
 
 
-def fit_again(fitted: Fit, *, data: Observations | None = None, noise: Noise | None = None) -> Fit:
+def fit_again(
+    fitted: Fit, *, data: Observations | None = None, noise: Noise | None = None, ftol: float = FINE
+) -> Fit:
     """Refit the same model, starting from its values, to other data or with another noise."""
-    data, noise = data or fitted.data, noise or fitted.noise
-    return fit(fitted.model, data, noise=noise, starts=fitted.values[None], tolerances=False)
+    data, noise, starts = data or fitted.data, noise or fitted.noise, fitted.values[None]
+    return fit(fitted.model, data, noise=noise, starts=starts, tolerances=False, ftol=ftol)
 
 
 def linearise(model: Model, values: Floats, *, data: Observations) -> tuple[Linear, bool]:

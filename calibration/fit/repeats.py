@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.fit.depth_noise import at_denoised_depth
-from calibration.fit.least_squares import Fit, fit_again
+from calibration.fit.least_squares import FINE, Fit, fit_again
 from calibration.fit.tolerances import HEIGHTS
 from calibration.inputs.conditions import group_basis
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
@@ -71,9 +71,9 @@ def _explained(steady: Fit) -> Floats:
     return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))
 
 
-def refit_with_pure_noise(fitted: Fit) -> Fit:
+def refit_with_pure_noise(fitted: Fit, *, ftol: float = FINE) -> Fit:
     """Refit the same model with the noise of repeats."""
-    return fit_again(fitted, noise=repeat_noise(fitted))
+    return fit_again(fitted, noise=repeat_noise(fitted), ftol=ftol)
 
 
 def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
