@@ -12,7 +12,7 @@ from calibration.fit.least_squares import Fit, prior_pulls
 from calibration.fit.outlying_presses import TAILS, log_student, press_dof
 from calibration.fit.repeats import drawn_noise
 from calibration.noise.model import Noise, Whitener
-from calibration.noise.reml import Columns, Weighing, log_sizes, prior_cost, scales
+from calibration.noise.reml import Columns, Weighing, log_sizes, prior_cost, sizes_of
 from tactilevision.records.constants import NONZERO, TINY
 from tactilevision.records.measured import Floats
 
@@ -205,7 +205,7 @@ class Cast:
             seen_part - own @ found.moved[:, 0].T
             for own, seen_part in zip(self._own.tables, seen.columns.tables, strict=True)
         ]
-        white = self._weighing.white(replace(seen.columns, tables=fitted), noises)
+        white = self._weighing.white(replace(seen.columns, tables=fitted), sizes_of(noises))
         return list(np.split(ratio, self.ends[:-1], axis=1)), white
 
     def _of_presses(self, noise: Noise, share: float) -> Noise:
@@ -236,7 +236,8 @@ class Cast:
         """
         every, shape = [noise for row in noises for noise in row], (len(noises), -1)
         known, beside = self._priors, self._beside
-        weight, scale = self._weighing.weights(every), scales(every)
+        sizes = sizes_of(every)
+        (weight, of_noise), scale = self._weighing.weigh(sizes), sizes[:, 0]
         within = self._within.weighted(weight, scale) + known.T @ known
         between = self._between.weighted(weight, scale) + known.T @ beside
         inverse = np.linalg.inv(within)
@@ -256,8 +257,9 @@ class Cast:
         moved = (inverse @ own[:, :, None])[:, :, 0]
         left = seen.squares[index] - np.sum(lost * shared.reshape(lost.shape[1], -1).T, axis=1)
         left = left / scale**2 - np.sum(own * moved, axis=1)
-        volume = self._weighing.log_volumes(every) + np.linalg.slogdet(within)[1]
-        costs = left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in every]
+        volume = of_noise + np.linalg.slogdet(within)[1]
+        trust = np.array([noise.trust for noise in every])
+        costs = left + volume + prior_cost(log_sizes(sizes), trust=trust)
         return _Found(*(one.reshape(*shape, *one.shape[1:]) for one in (costs, along / unit, lengths, moved)))
 
     def left_of(self, residual_N: Floats, priors: Floats) -> Floats:

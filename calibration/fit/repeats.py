@@ -83,7 +83,7 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     """
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
-    centre, costs = reml.log_sizes(fitted.noise), _on_stencil(fitted, errors_N)
+    centre, costs = reml.log_sizes(reml.sizes_of([fitted.noise])[0]), _on_stencil(fitted, errors_N)
     return [reml.sized(fitted.noise, centre + reml.newton_move(column, centre.size)) for column in costs.T]
 
 
@@ -91,32 +91,35 @@ def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise
     """Sample sizes of the noise from their posterior; for points, return the estimate."""
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [fitted.noise] * draws
-    centre, costs = reml.log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
+    centre, costs = (
+        reml.log_sizes(reml.sizes_of([fitted.noise])[0]),
+        _on_stencil(fitted, fitted.residual_N[:, None]),
+    )
     moves = rng.standard_normal((draws, centre.size)) @ reml.spread(costs[:, 0], centre.size).T
     return [reml.sized(fitted.noise, centre + np.clip(move, -1, 1)) for move in moves]
 
 
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
     """Return -2 ln L plus the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
-    weighing, columns, noises, information, own = _stencil(fitted)
+    weighing, columns, sizes, information, own = _stencil(fitted)
     errors = weighing.take(errors_N)
-    seen = weighing.product(columns, errors).under_each(noises)
+    seen = weighing.product(columns, errors).under_each(sizes)
     explained = np.sum(seen * np.linalg.solve(information, seen), axis=1)
-    return np.asarray(weighing.squares(errors).under_each(noises) - explained + own[:, None])
+    return np.asarray(weighing.squares(errors).under_each(sizes) - explained + own[:, None])
 
 
 @lru_cache(maxsize=2)  # a bootstrap asks once a batch
-def _stencil(fitted: Fit) -> tuple[reml.Weighing, reml.Columns, list[Noise], Floats, Floats]:
+def _stencil(fitted: Fit) -> tuple[reml.Weighing, reml.Columns, Floats, Floats, Floats]:
     """Return what the costs of all errors share: the explained columns under each noise, and their own costs."""
-    centre = reml.log_sizes(fitted.noise)
+    centre = reml.log_sizes(reml.sizes_of([fitted.noise])[0])
     places = centre + reml.stencil(centre.size)
-    noises = [reml.sized(fitted.noise, logs) for logs in places]
+    sizes = np.exp(places)
     weighing = reml.Weighing(fitted.data, fitted.about, fitted.noise)
     columns = weighing.take(_explained(fitted))
-    information = weighing.product(columns, columns).under_each(noises)
-    volume = weighing.log_volumes(noises) + np.linalg.slogdet(information)[1]
-    own = volume + [reml.prior_cost(logs, trust=fitted.noise.trust) for logs in places]
-    return weighing, columns, noises, information, own
+    information = weighing.product(columns, columns).under_each(sizes)
+    volume = weighing.weigh(sizes)[1] + np.linalg.slogdet(information)[1]
+    own = volume + reml.prior_cost(places, trust=fitted.noise.trust)
+    return weighing, columns, sizes, information, own
 
 
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:

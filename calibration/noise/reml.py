@@ -61,14 +61,14 @@ class Product:
 
     def under(self, noise: Noise) -> Floats:
         """Return the product at these sizes, (a, b) or (b,)."""
-        return np.asarray(self.under_each([noise])[0])
+        return np.asarray(self.under_each(sizes_of([noise]))[0])
 
-    def under_each(self, noises: Sequence[Noise]) -> Floats:
-        """Return the product at the sizes of each, (n, a, b) or (n, b)."""
-        return self.weighted(weights(self.common, noises), scales(noises))
+    def under_each(self, sizes: Floats) -> Floats:
+        """Return the product at each of the sizes (n, 3), (n, a, b) or (n, b)."""
+        return self.weighted(weigh(self.common, sizes)[0], sizes[:, 0])
 
     def weighted(self, weight: Floats, scale: Floats) -> Floats:
-        """Return the same at `weights` (n, M, 2, 2) and `scales` (n,) of the sizes."""
+        """Return the same at weights (n, M, 2, 2) and scales (n,) of the sizes."""
         if len(weight) > 3 * len(self.common):  # then a table of all products pays
             parts = weight[..., [0, 0, 1], [0, 1, 1]].swapaxes(1, 2)
             lost = (parts.reshape(len(weight), -1) @ self._shared).reshape(-1, *self.rest.shape)
@@ -112,20 +112,28 @@ class Weighing:
         rest = sum(np.einsum("mtk,mtk->k", table, table) for table in one.tables)
         return Product(np.asarray(rest), one.shared, one.shared, self._common)
 
-    def weights(self, noises: Sequence[Noise]) -> Floats:
-        """Return the weights of gain and zero of each press at the sizes of each, (n, M, 2, 2)."""
-        return weights(self._common, noises)
+    def weigh(self, sizes: Floats) -> tuple[Floats, Floats]:
+        """Return the weights of gain and zero of each press (n, M, 2, 2), and ln det V (n,), without the constant
+        of the samples' noise at scale 1, at each of the sizes (n, 3).
+        """
+        weight, volume = weigh(self._common, sizes)
+        own = 2 * float(self._base.size) * np.log(sizes[:, 0]) + self._volume
+        return weight, own + np.sum(np.log(volume), axis=1)
 
-    def white(self, columns: Columns, noises: Sequence[Noise]) -> Floats:
-        """Return columns (N, n), each whitened by the noise of its own sizes, (N, n)."""
-        squares, flat = _squares(noises), np.empty((self._base.size, len(noises)))
+    @cached_property
+    def _volume(self) -> float:
+        return self._filter.log_volume(self._parts)
+
+    def white(self, columns: Columns, sizes: Floats) -> Floats:
+        """Return columns (N, n), each whitened by the noise of its own sizes (n, 3), (N, n)."""
+        squares, flat = _squares(sizes), np.empty((self._base.size, len(sizes)))
         for part, basis, root, table in zip(
             self._parts, *zip(*self._bases, strict=True), columns.tables, strict=True
         ):
             size, axes = np.linalg.eigh(root @ squares @ root.transpose(0, 2, 1))
             shrink = (axes * (1 - 1 / np.sqrt(1 + np.maximum(size, 0)))[..., None, :]) @ axes.swapaxes(2, 3)
             along = shrink @ (basis.transpose(0, 2, 1) @ table).transpose(2, 0, 1)[..., None]
-            white = (table - basis @ along[..., 0].transpose(1, 2, 0)) / scales(noises)
+            white = (table - basis @ along[..., 0].transpose(1, 2, 0)) / sizes[:, 0]
             flat[part.rows[part.real]] = white[part.real]
         return flat
 
@@ -136,14 +144,7 @@ class Weighing:
 
     def log_volume(self, noise: Noise) -> float:
         """Return ln det V, without the constant of the samples' noise at scale 1."""
-        return float(self.log_volumes([noise])[0])
-
-    def log_volumes(self, noises: Sequence[Noise]) -> Floats:
-        """Return the same of each, (n,)."""
-        _, volumes = inverse_of_one_plus(self._common * _squares(noises))
-        scale = scales(noises)
-        own = 2 * float(self._base.size) * np.log(scale) + self._filter.log_volume(self._parts)
-        return np.asarray(own + np.sum(np.log(volumes), axis=1))
+        return float(self.weigh(sizes_of([noise]))[1][0])
 
     def _weighed(self, columns: Floats) -> list[Floats]:
         scaled = columns / self._base[:, None]
@@ -165,25 +166,31 @@ def inverse_of_one_plus(inner: Floats) -> tuple[Floats, Floats]:
     """
     a, b, d = inner[..., 0, 0], inner[..., 0, 1], inner[..., 1, 1]
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
-    inverse = np.stack([1 + d, -b, -b, 1 + a], axis=-1) / volume[..., None]
-    return inverse.reshape(inner.shape), volume
+    inverse = np.empty_like(inner)
+    inverse[..., 0, 0], inverse[..., 1, 1] = 1 + d, 1 + a
+    inverse[..., 0, 1] = inverse[..., 1, 0] = -b
+    inverse /= volume[..., None, None]
+    return inverse, volume
 
 
-def weights(common: Floats, noises: Sequence[Noise]) -> Floats:
-    """Return (1 + S G^T G S)^-1 S S' (n, M, 2, 2), the weights of gain and zero, for `common` (M, 2, 2)."""
-    square = _squares(noises)
-    return np.asarray(inverse_of_one_plus(common * square)[0] * square)
+def sizes_of(noises: Sequence[Noise]) -> Floats:
+    """Return the scale, the gain and the zero in mm of each, (n, 3)."""
+    return np.array([(noise.scale, noise.gain, noise.zero_mm) for noise in noises])
 
 
-def scales(noises: Sequence[Noise]) -> Floats:
-    """Return the scale (n,) of each, a ratio to its noise."""
-    return np.array([noise.scale for noise in noises])
+def weigh(common: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+    """Return (1 + S G^T G S)^-1 S S' (n, M, 2, 2), the weights of gain and zero, and the determinants (n, M) of
+    what is inverted, for `common` (M, 2, 2) at each of the sizes (n, 3).
+    """
+    square = _squares(sizes)
+    inverse, volume = inverse_of_one_plus(common * square)
+    return inverse * square, volume
 
 
-def _squares(noises: Sequence[Noise]) -> Floats:
+def _squares(sizes: Floats) -> Floats:
     """Return the products of each gain and zero over the scale, (n, 1, 2, 2)."""
-    size = np.array([[noise.gain / noise.scale, noise.zero_mm / noise.scale] for noise in noises])
-    return np.asarray(size[:, None, :, None] * size[:, None, None, :])
+    ratio = sizes[:, 1:] / sizes[:, :1]
+    return np.asarray(ratio[:, None, :, None] * ratio[:, None, None, :])
 
 
 SPREAD = 1.0  # std of the prior of ln gain and ln zero: a factor 2.7 either way
@@ -210,7 +217,7 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     shared = data.is_curves if of_presses is None else of_presses
     if dof < 1 and not stated:  # no degrees of freedom to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
-    columns = np.column_stack([residual_N, jacobian])
+    columns = np.column_stack([jacobian, residual_N])
 
     def likeliest(alike: Noise) -> tuple[Noise, float]:
         weighing = Weighing(data, about, alike)
@@ -262,40 +269,44 @@ def far_below_stated(noise: Noise, dof: float) -> bool:
     return own < FAR_LESS and float(fdtr(dof, STATED_DOF, own**2)) < BEYOND_CHANCE
 
 
-def minus_two_log_likelihood(
-    noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
-) -> Floats:
-    """Return -2 ln L (n,), dimensionless, of each of these sizes, but for a constant.
+def minus_two_log_likelihood(sizes: Floats, weighing: Weighing, *, product: Product, precision: Floats) -> Floats:
+    """Return -2 ln L (n,), dimensionless, of each of these sizes (n, 3), but for a constant.
 
-    `product` is that of [residual | jacobian], `precision` (p, p) that of the priors, in the parameters' units.
+    `product` is that of [jacobian | residual], `precision` (p, p) that of the priors, in the parameters' units.
+    The last element of Cholesky's factor of [J r]^T V^-1 [J r] is the root of r^T P r.
     """
-    total = product.under_each(noises)
+    weight, of_noise = weighing.weigh(sizes)
+    total = product.weighted(weight, sizes[:, 0])
+    squares = total[:, -1, -1].copy()
+    total[:, :-1, :-1] += precision
+    total[:, -1, -1] *= 2  # where the model explains all, rounding would leave less than nothing
     try:
-        root = np.linalg.cholesky(total[:, 1:, 1:] + precision)
+        root = np.linalg.cholesky(total)
     except np.linalg.LinAlgError:
-        if len(noises) == 1:
+        if len(sizes) == 1:
             return np.array([1e30])  # finite, so that a search can step back
-        each = [minus_two_log_likelihood([n], weighing, product=product, precision=precision) for n in noises]
+        each = [minus_two_log_likelihood(n[None], weighing, product=product, precision=precision) for n in sizes]
         return np.concatenate(each)
-    volume = 2 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
-    explained = np.sum(np.linalg.solve(root, total[:, 1:, :1]) ** 2, axis=(1, 2))
-    return np.asarray(weighing.log_volumes(noises) + volume + total[:, 0, 0] - explained)
+    diagonal = np.diagonal(root, axis1=1, axis2=2)
+    volume = 2 * np.sum(np.log(diagonal[:, :-1]), axis=1)
+    return np.asarray(of_noise + volume + diagonal[:, -1] ** 2 - squares)
 
 
-def prior_cost(logs: Floats, *, trust: float) -> float:
-    """Return -2 ln of the prior of logs (1,) or (3,) = ln scale, ln gain, ln zero in mm.
+def prior_cost(logs: Floats, *, trust: Floats | float) -> Floats:
+    """Return -2 ln of the prior (n,) of logs (n, 1) or (n, 3) = ln scale, ln gain, ln zero in mm.
 
     Log-normal about the usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared, `trust`
     dof).
     """
-    usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
-    cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
-    return cost + trust * float(2 * logs[0] + np.exp(-2 * logs[0])) if trust else cost
+    usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.shape[1] - 1]
+    scale = logs[:, 0]
+    cost = np.sum(((logs[:, 1:] - usual) / SPREAD) ** 2, axis=1)
+    return np.asarray(cost + trust * (2 * scale + np.exp(-2 * scale)) if np.any(trust) else cost)
 
 
-def log_sizes(noise: Noise) -> Floats:
-    """Return ln scale, ln gain, ln zero in mm, (3,)."""
-    return np.log([noise.scale, max(noise.gain, FINEST), max(noise.zero_mm, FINEST / 10)])
+def log_sizes(sizes: Floats) -> Floats:
+    """Return ln scale, ln gain, ln zero in mm, of sizes (..., 3)."""
+    return np.asarray(np.log(np.maximum(sizes, (0.0, FINEST, FINEST / 10))))
 
 
 def sized(noise: Noise, logs: Floats) -> Noise:
@@ -339,7 +350,7 @@ def _curvature(costs: Floats, size: int) -> tuple[Floats, Floats]:
 
 
 def _best(
-    likelihood: Callable[[Sequence[Noise]], Floats], first: Noise, shared: bool, finest_N: float
+    likelihood: Callable[[Floats], Floats], first: Noise, shared: bool, finest_N: float
 ) -> tuple[Noise, float]:
     """Return the likeliest sizes and their cost, by Newton's steps downhill."""
     sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
@@ -347,16 +358,17 @@ def _best(
     offsets = stencil(here.size)
     low = np.log([FINEST if first.stated else finest_N, FINEST, FINEST])[: here.size]
 
-    def cost(*places: Floats) -> Floats:
-        prior = np.array([prior_cost(logs, trust=first.trust) for logs in places])
-        return np.asarray(likelihood([sized(first, logs) for logs in places]) + prior)
+    def cost(places: Floats) -> Floats:
+        sizes = np.zeros((len(places), 3))
+        sizes[:, : here.size] = np.exp(places)
+        return np.asarray(likelihood(sizes) + prior_cost(places, trust=first.trust))
 
     for _ in range(MAX_STEPS):
-        costs = cost(*(here + offsets))
+        costs = cost(here + offsets)
         move = newton_move(costs, here.size)
-        while np.abs(move).max() > CLOSE and cost(here + move)[0] > costs[0]:
+        while np.abs(move).max() > CLOSE and cost((here + move)[None])[0] > costs[0]:
             move = move / 2
         here = np.maximum(here + move, low)
         if np.abs(move).max() <= CLOSE:
             break
-    return sized(first, here), float(cost(here)[0])
+    return sized(first, here), float(cost(here[None])[0])

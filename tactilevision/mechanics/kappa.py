@@ -74,10 +74,19 @@ def _at_nu(poisson_ratio: float) -> tuple[BSpline, BSpline]:
     """Return ln kappa, and its derivative with respect to nu, as splines over ln(a/h)."""
     from scipy.interpolate import BSpline
 
-    along, across, table = cast(Any, _spline()).tck
-    whole = BSpline(along, table.reshape(along.size - DEGREE - 1, -1), DEGREE)
+    across, whole = _over_nu()
     place, per_nu = _stretched(np.array(poisson_ratio)), 1 / (0.5 + OFFSET - poisson_ratio)
-    return BSpline(across, whole(place), DEGREE), BSpline(across, whole(place, 1) * per_nu, DEGREE)
+    table, of_nu = whole(place), whole(place, 1) * per_nu
+    return BSpline.construct_fast(across, table, DEGREE), BSpline.construct_fast(across, of_nu, DEGREE)
+
+
+@lru_cache(maxsize=1)
+def _over_nu() -> tuple[Floats, BSpline]:
+    """Return the knots over ln(a/h), and the coefficients there as one spline over nu."""
+    from scipy.interpolate import BSpline
+
+    along, across, table = cast(Any, _spline()).tck
+    return across, BSpline(along, table.reshape(along.size - DEGREE - 1, -1), DEGREE)
 
 
 def make_table(path: Path = TABLE) -> None:

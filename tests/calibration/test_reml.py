@@ -11,7 +11,7 @@ from made_presses import indenter, observations
 
 from calibration.noise import model as rectangles
 from calibration.noise.model import Linear, Noise, Scatter, Whitener
-from calibration.noise.reml import Weighing, minus_two_log_likelihood, newton_move, stencil
+from calibration.noise.reml import Weighing, minus_two_log_likelihood, newton_move, sizes_of, stencil
 from tactilevision.records.measured import Floats
 
 
@@ -35,7 +35,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_si
     jacobian = rng.standard_normal((data.size, 2))
     alike, about = Noise(0.7, 0.4, 0.9, correlation, white), Linear(force, slope, np.ones(data.size))
     weighing = Weighing(data, about, alike)
-    taken = weighing.take(np.column_stack([residual, jacobian]))
+    taken = weighing.take(np.column_stack([jacobian, residual]))
     product = weighing.product(taken, taken)
     apart = np.abs(np.subtract.outer(np.arange(data.size), np.arange(data.size)))
     likeness = (1 - white) * correlation**apart + white * (apart == 0)
@@ -48,7 +48,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_si
     )
     by_hand = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1] + left
     nothing, beyond = np.zeros((2, 2)), replace(alike, scale=1e-4, gain=1e5, zero_mm=1e5)
-    found = minus_two_log_likelihood([alike, beyond], weighing, product=product, precision=nothing)
+    found = minus_two_log_likelihood(sizes_of([alike, beyond]), weighing, product=product, precision=nothing)
     np.testing.assert_allclose(found[0], by_hand, rtol=1e-9)
     assert np.isfinite(found[1])
     white_residual = Whitener(data, alike, about).apply(residual)
@@ -70,7 +70,7 @@ def test_presses_of_all_lengths_weigh_the_same_in_one_rectangle_or_in_several(
         taken, table = weighing.take(np.array(columns).T), np.array(columns).T
         np.testing.assert_allclose(whitener.apply(whitener.colour(table)), table, rtol=1e-9, atol=1e-12)
         product = weighing.product(taken, taken)
-        likelihood = minus_two_log_likelihood([noise], weighing, product=product, precision=np.eye(2))
+        likelihood = minus_two_log_likelihood(sizes_of([noise]), weighing, product=product, precision=np.eye(2))
         return [
             whitener.apply(table),
             weighing.squares(taken).under(noise),
