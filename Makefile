@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
+export PYTHONDONTWRITEBYTECODE :=  # each process would compile every module anew
 
 .PHONY: demo test check lint types bench bench-speed blind slow faults fuzz digest docs walks clean
 

@@ -19,7 +19,7 @@ sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("plotly")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
-WAIT_MS = 60_000  # ms: a fit on a busy machine
+WAIT_MS = 180_000  # ms: a fit on a busy machine
 SIZES = {"laptop": (1366, 768), "phone": (390, 844)}
 ODD_NAME = "p01 <img src=x onerror=alert(1)>"  # a press's label may be any text
 
