@@ -59,10 +59,10 @@ def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
 
 
 @lru_cache
-def calibrated(folder: str, marks: bool) -> Calibration:
+def calibrated(folder: str, marks: bool, every: int = 1) -> Calibration:
     flat, shots = gelslim(folder)
     return calibrate_from_balls(
-        make_reference([flat], may_have_marks=marks), shots, mm_per_px=SCALE, fit=fit_polynomial
+        make_reference([flat], may_have_marks=marks), shots[::every], mm_per_px=SCALE, fit=fit_polynomial
     )
 
 
@@ -133,10 +133,10 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
 
 
 def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
-    calibration = calibrated("gelslim3_mcubelab/markers", True)
+    calibration = calibrated("gelslim3_mcubelab/markers", True, every=3)
     reconstructor = Reconstructor(get_sensor("gelslim3_markers"), calibration.method)
-    for number in (6, 20):
-        ball = calibration.balls[number]
+    for number in (6, 21):
+        ball = calibration.balls[number // 3]
         assert ball is not None
         depth = reconstructor.height_map(Frame(gelslim("gelslim3_mcubelab/markers")[1][number].rgb)).depth_mm
         x, y = ball.centre_px
@@ -186,7 +186,7 @@ def test_real_screws_and_balls_are_contacts_and_free_gel_is_none() -> None:
     """Screws .2 to .5 mm deep, whose deviation is .05 to .16: none but by slope and colour."""
     folder = "gelslim3_mcubelab/markerless"
     flat, shots = gelslim(folder)
-    reader = tuned(get_sensor("gelslim3"), calibrated(folder, True), pictures=shots, free=())
+    reader = tuned(get_sensor("gelslim3"), calibrated(folder, True, every=3), pictures=shots[::3], free=())
     with np.load(REAL / "gelslim3_mcubelab" / "abe_corr.npz", allow_pickle=False) as table:
         sensor = get_sensor("gelslim3", rectification=tuple(table[axis].astype(np.float32) for axis in ("y", "x")))
     screws = sorted((REAL / "gelslim3_mcubelab" / "markerless_objects").glob("*.jpg"))
