@@ -101,6 +101,9 @@ def graded_mesh(
 
 Ints = npt.NDArray[np.int64]
 
+# of SuperLU: the pattern is symmetric, and the values nearly so
+SYMMETRIC = {"SymmetricMode": True, "DiagPivotThresh": 0.001}
+
 
 @dataclass(frozen=True, slots=True)
 class Surface:
@@ -120,7 +123,7 @@ class Surface:
 @dataclass(frozen=True, slots=True)
 class Discretisation:
     """`nodes_mm` (M, 2); `dofs` (E, 18), first the nine u_r; `gradient` (E, Q, 5, 18) maps them to F - 1;
-    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes; `points_mm` (E, Q, 2) quadrature points;
+    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes, 1 first, orthonormal on average; `points_mm` (E, Q, 2) quadrature points;
     `values` (E, Q, 9) of the displacement's shape functions; `corner_gradient` (E, 4, 4, 18) the in-plane part of
     `gradient` at the four corners."""
 
@@ -159,15 +162,18 @@ def discretise(mesh: skfem.MeshQuad, *, order: int = 4, surface_order: int = 8) 
     gradient[:, :, 4, :9] = values / radius[..., None]
     centre = points.mean(axis=1, keepdims=True)
     spread = np.ptp(points, axis=1, keepdims=True)
-    modes = np.concatenate([np.ones((*radius.shape, 1)), (points - centre) / spread], axis=-1)
+    linear = np.concatenate([np.ones((*radius.shape, 1)), (points - centre) / spread], axis=-1)
+    weight = 2 * np.pi * radius * np.asarray(basis.dx)
+    root = np.sqrt(weight)[..., None]
+    modes = np.linalg.qr(root * linear)[0] / root
     nodes = np.asarray(basis.element_dofs).T
     corners = (np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]), np.full(4, 0.25))
     return Discretisation(
         nodes_mm=np.asarray(basis.doflocs).T.copy(),
         dofs=np.concatenate([2 * nodes, 2 * nodes + 1], axis=1).astype(np.int64),
         gradient=gradient,
-        weight_mm3=2 * np.pi * radius * np.asarray(basis.dx),
-        modes=modes,
+        weight_mm3=weight,
+        modes=modes / modes[:, :1, :1],
         points_mm=points,
         values=values,
         corner_gradient=_plane_gradient(skfem.Basis(mesh, skfem.ElementQuad2(), quadrature=corners)),
@@ -213,7 +219,7 @@ def _surface(mesh: skfem.MeshQuad, order: int) -> Surface:
 class Pattern:
     """Where element entries go among the free unknowns.
 
-    `free` (n,) numbers of the free unknowns; `kept` and `slot` per element table: which of its flattened entries
+    `free` (n,) numbers of the free unknowns, in an order of little fill; `kept` and `slot` per element table: which of its flattened entries
     couple two free unknowns, and to which stored entry each adds.
     """
 
@@ -226,19 +232,27 @@ class Pattern:
 
 def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
     """Return the pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
-    number = np.cumsum(free) - 1
-    size = int(free.sum())
+    plain = _ordered(tables, np.flatnonzero(free), free.size)
+    entry = sparse.csc_array((np.ones(len(plain.indices)), plain.indices, plain.indptr))
+    entry.setdiag(len(plain.free))  # dominant: only the order is asked for
+    order = splu(entry, permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC).perm_c
+    return _ordered(tables, plain.free[np.argsort(order)], free.size)
+
+
+def _ordered(tables: tuple[Ints, ...], free: Ints, unknowns: int) -> Pattern:
+    size, number = len(free), np.full(unknowns, -1)
+    number[free] = np.arange(size)
     kept, keys = [], []
     for table in tables:
-        rows = np.repeat(table, table.shape[1], axis=1).ravel()
-        columns = np.tile(table, (1, table.shape[1])).ravel()
-        keep = np.flatnonzero(free[rows] & free[columns])
+        rows = np.repeat(number[table], table.shape[1], axis=1).ravel()
+        columns = np.tile(number[table], (1, table.shape[1])).ravel()
+        keep = np.flatnonzero((rows >= 0) & (columns >= 0))
         kept.append(keep)
-        keys.append(number[columns[keep]] * size + number[rows[keep]])
+        keys.append(columns[keep] * size + rows[keep])
     unique, slots = np.unique(np.concatenate(keys), return_inverse=True)
     splits = np.cumsum([len(k) for k in keys])[:-1]
     return Pattern(
-        free=np.flatnonzero(free),
+        free=free,
         kept=tuple(kept),
         slot=tuple(np.split(slots, splits)),
         indices=unique % size,
@@ -256,8 +270,8 @@ def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_ar
 
 
 def factorise(matrix: sparse.csc_array) -> SuperLU:
-    """Return LU in SuperLU's symmetric mode: the pattern is symmetric, and the values nearly so."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
+    """Return LU of a matrix in its pattern's order."""
+    return splu(matrix, permc_spec="NATURAL", panel_size=1, relax=1, options=SYMMETRIC)
 
 
 def scatter(size: int, tables: tuple[Ints, ...], *, forces: tuple[Floats, ...]) -> Floats:

@@ -2,7 +2,7 @@
 
 Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
 [K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is
-eliminated element by element (3 by 3) and recovered afterwards: p is an unknown of Newton's method, never a
+eliminated element by element (K_pp is diagonal) and recovered afterwards: p is an unknown of Newton's method, never a
 function of u, and the iteration count does not depend on nu.
 """
 
@@ -75,23 +75,22 @@ def linearise(
     stress, tangent = law.distortion(state, material.shear_modulus_MPa)
     g, dg, ddg = law.volume(state.volume)
     stress = stress + (p * dg)[:, None] * state.volume_gradient
-    tangent = tangent + (p * dg)[:, None, None] * state.volume_hessian
-    tangent += (p * ddg)[:, None, None] * outer(state.volume_gradient, state.volume_gradient)
+    tangent += (p * dg)[:, None, None] * state.volume_hessian
+    tangent += outer((p * ddg)[:, None] * state.volume_gradient, state.volume_gradient)
 
     weight = mesh.weight_mm3.ravel()
     flat = mesh.gradient.reshape(elements, points * 5, 18)
     across = flat.transpose(0, 2, 1)
     internal = (across @ (weight[:, None] * stress).reshape(elements, -1, 1))[:, :, 0]
-    weighted = (weight[:, None, None] * tangent) @ mesh.gradient.reshape(-1, 5, 18)
+    weighted = np.multiply(tangent, weight[:, None, None], order="C") @ mesh.gradient.reshape(-1, 5, 18)
     stiffness = across @ weighted.reshape(elements, points * 5, 18)
 
     modes = mesh.modes * mesh.weight_mm3[:, :, None]
     coupling = (dg[:, None] * state.volume_gradient).reshape(elements, points, 5, 1) * modes[:, :, None, :]
     K_pu = coupling.reshape(elements, points * 5, 3).transpose(0, 2, 1) @ flat
-    K_pp = modes.transpose(0, 2, 1) @ mesh.modes / -bulk
     R_p = np.einsum("eqm,eq->em", modes, (g - p / bulk).reshape(elements, points))
-    solved = np.linalg.solve(K_pp, np.concatenate([R_p[:, :, None], K_pu], axis=2))
-    constant, slope = -solved[:, :, 0], solved[:, :, 1:]
+    softness = bulk / mesh.weight_mm3.sum(axis=1)  # K_pp is -1 over it
+    constant, slope = softness[:, None] * R_p, -softness[:, None, None] * K_pu
     K_up = K_pu.transpose(0, 2, 1)
     return ElementSystem(
         force=internal + (K_up @ constant[:, :, None])[:, :, 0],
