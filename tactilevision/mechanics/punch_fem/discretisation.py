@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import skfem
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU, spilu, splu
 
 from tactilevision.errors import InputError
 from tactilevision.records.constants import ROUNDING
@@ -219,53 +219,39 @@ def _surface(mesh: skfem.MeshQuad, order: int) -> Surface:
 class Pattern:
     """Where element entries go among the free unknowns.
 
-    `free` (n,) numbers of the free unknowns, in an order of little fill; `kept` and `slot` per element table: which of its flattened entries
-    couple two free unknowns, and to which stored entry each adds.
+    `free` (n,) numbers of the free unknowns, in an order of little fill; `slot` the stored entry to which each
+    entry of all element tables adds, one beyond the last where it does not couple two free unknowns.
     """
 
     free: Ints
-    kept: tuple[Ints, ...]
-    slot: tuple[Ints, ...]
-    indices: Ints
-    indptr: Ints
+    slot: Ints
+    indices: npt.NDArray[np.int32]
+    indptr: npt.NDArray[np.int32]
 
 
 def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
     """Return the pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
-    plain = _ordered(tables, np.flatnonzero(free), free.size)
-    entry = sparse.csc_array((np.ones(len(plain.indices)), plain.indices, plain.indptr))
-    entry.setdiag(len(plain.free))  # dominant: only the order is asked for
-    order = splu(entry, permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC).perm_c
-    return _ordered(tables, plain.free[np.argsort(order)], free.size)
-
-
-def _ordered(tables: tuple[Ints, ...], free: Ints, unknowns: int) -> Pattern:
-    size, number = len(free), np.full(unknowns, -1)
-    number[free] = np.arange(size)
-    kept, keys = [], []
-    for table in tables:
-        rows = np.repeat(number[table], table.shape[1], axis=1).ravel()
-        columns = np.tile(number[table], (1, table.shape[1])).ravel()
-        keep = np.flatnonzero((rows >= 0) & (columns >= 0))
-        kept.append(keep)
-        keys.append(columns[keep] * size + rows[keep])
-    unique, slots = np.unique(np.concatenate(keys), return_inverse=True)
-    splits = np.cumsum([len(k) for k in keys])[:-1]
-    return Pattern(
-        free=free,
-        kept=tuple(kept),
-        slot=tuple(np.split(slots, splits)),
-        indices=unique % size,
-        indptr=np.searchsorted(unique // size, np.arange(size + 1)),
-    )
+    number, size = np.where(free, np.cumsum(free) - 1, -1), int(free.sum())
+    rows = np.concatenate([np.repeat(number[table], table.shape[1], axis=1).ravel() for table in tables])
+    columns = np.concatenate([np.tile(number[table], (1, table.shape[1])).ravel() for table in tables])
+    both = np.minimum(rows, columns) >= 0
+    alike = sparse.csc_array((np.ones(both.sum()), (rows[both], columns[both])), shape=(size, size))
+    alike.setdiag(size)  # dominant: no pivot moves, and all else is dropped, since only the order is asked for
+    ordered = spilu(alike, drop_tol=1, fill_factor=1, permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
+    order = np.argsort(ordered.perm_c)
+    moved = alike[order][:, order].tocsc()
+    moved.sort_indices()
+    stored = np.repeat(size * np.arange(size), np.diff(moved.indptr)) + moved.indices
+    place = np.argsort(order)
+    keys = np.where(both, size * place[columns] + place[rows], size**2)
+    return Pattern(np.flatnonzero(free)[order], np.searchsorted(stored, keys), moved.indices, moved.indptr)
 
 
 def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_array:
     """Sum element stiffnesses (K, n, n), N per mm, one array a table, into the free unknowns' matrix."""
-    data = np.zeros(len(pattern.indices))
-    for kept, slot, stiffness in zip(pattern.kept, pattern.slot, stiffnesses, strict=True):
-        data += np.bincount(slot, stiffness.reshape(-1)[kept], minlength=len(data))
-    size = len(pattern.free)
+    size, entries = len(pattern.free), len(pattern.indices)
+    values = np.concatenate([stiffness.ravel() for stiffness in stiffnesses])
+    data = np.bincount(pattern.slot, values, minlength=entries)[:entries]
     return sparse.csc_array((data, pattern.indices, pattern.indptr), shape=(size, size))
 
 
