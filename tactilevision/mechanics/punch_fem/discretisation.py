@@ -123,9 +123,9 @@ class Surface:
 @dataclass(frozen=True, slots=True)
 class Discretisation:
     """`nodes_mm` (M, 2); `dofs` (E, 18), first the nine u_r; `gradient` (E, Q, 5, 18) maps them to F - 1;
-    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes, 1 first, orthonormal on average; `points_mm` (E, Q, 2) quadrature points;
-    `values` (E, Q, 9) of the displacement's shape functions; `corner_gradient` (E, 4, 4, 18) the in-plane part of
-    `gradient` at the four corners."""
+    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes, the first one 1, orthonormal on an element's
+    average; `points_mm` (E, Q, 2) quadrature points; `values` (E, Q, 9) of the displacement's shape functions;
+    `corner_gradient` (E, 4, 4, 18) the in-plane part of `gradient` at the four corners."""
 
     nodes_mm: Floats
     dofs: Ints

@@ -66,7 +66,7 @@ def solve_step(
     goes on where a shorter step would usually be cheaper.
     """
     mesh, (u, pressure) = model.mesh, guess
-    jump, factors, errors = -depth_mm - u[mesh.punch], None, [np.inf, np.inf]
+    jump, factors, errors = -depth_mm - u[mesh.punch], None, (np.inf, np.inf)
     history, most = last.history, MAX_WITH_PATIENCE if patient else MAX_ITERATIONS
     for iteration in range(most + 1):
         state = deform(mesh, u)
@@ -79,9 +79,9 @@ def solve_step(
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return f"the iteration diverges (residual {error:.1e})"
-        if abs(error - errors[-2]) < FORCE_TOLERANCE * error:
+        if abs(error - errors[0]) < FORCE_TOLERANCE * error and min(error, errors[1]) > CHATTER_TOLERANCE:
             break  # contact points take turns for ever
-        errors.append(error)
+        errors = errors[1], error
         chatters = iteration > LATE
         settled = jump == 0 and (contact is None or iteration > 0)
         settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)

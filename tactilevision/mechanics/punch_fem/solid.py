@@ -2,8 +2,8 @@
 
 Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
 [K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is
-eliminated element by element (K_pp is diagonal) and recovered afterwards: p is an unknown of Newton's method, never a
-function of u, and the iteration count does not depend on nu.
+eliminated element by element (K_pp is diagonal) and recovered afterwards: p is an unknown of Newton's method,
+never a function of u, and the iteration count does not depend on nu.
 """
 
 from __future__ import annotations
