@@ -262,8 +262,10 @@ def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Float
     tangent += (bulk * (dg**2 + g * ddg))[:, None, None] * outer(gradient, gradient)
     tangent += (bulk * g * dg)[:, None, None] * state.volume_hessian
     angle = np.arange(DIRECTIONS) * (np.pi / DIRECTIONS)
-    normals = np.stack([np.cos(angle), np.sin(angle)])
-    dyads = (normals[:, None] * normals).reshape(4, -1)
     plane = tangent[:, :4, :4].reshape(-1, 2, 2, 2, 2).transpose(1, 3, 0, 2, 4).reshape(2, 2, -1, 4)
-    mean, half = (plane[0, 0] + plane[1, 1]) @ dyads / 2, (plane[0, 0] - plane[1, 1]) @ dyads / 2
-    return np.asarray((mean - np.hypot(half, plane[0, 1] @ dyads)).min(axis=1) / shear)
+    mean, half = (plane[0, 0] + plane[1, 1]) / 2, (plane[0, 0] - plane[1, 1]) / 2
+    least = np.full(len(tangent), np.inf)
+    for n in np.stack([np.cos(angle), np.sin(angle)], axis=-1):
+        dyad = np.outer(n, n).ravel()
+        least = np.minimum(least, mean @ dyad - np.hypot(half @ dyad, plane[0, 1] @ dyad))
+    return np.asarray(least / shear)
