@@ -256,7 +256,7 @@ def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_ar
 
 
 def factorise(matrix: sparse.csc_array) -> SuperLU:
-    """Return LU of a matrix in its pattern's order."""
+    """Return LU of a matrix in its pattern's order, column by column: its blocks are too small for panels."""
     return splu(matrix, permc_spec="NATURAL", panel_size=1, relax=1, options=SYMMETRIC)
 
 
