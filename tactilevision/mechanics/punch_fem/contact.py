@@ -212,11 +212,10 @@ def _gathered(surface: Surface, traction: Floats, slope: Floats) -> tuple[Floats
     """Return the force (K, 7) and stiffness (K, 7, 7) on an edge's unknowns, of traction (K, Q, 2) and slope (K,
     Q, 2, 2).
     """
-    spread = _spread(surface)
-    area = surface.weight_mm2[..., None]
-    force = -np.einsum("kqia,kqi->ka", spread, area * traction)
-    matrix = -np.einsum("kqia,kqij,kqjb->kab", spread, area[..., None] * slope, spread, optimize=True)
-    return force, matrix
+    spread, area = _spread(surface), -surface.weight_mm2[..., None]
+    flat = spread.reshape(len(spread), -1, 7)
+    force = ((area * traction).reshape(len(flat), 1, -1) @ flat)[:, 0]
+    return force, flat.transpose(0, 2, 1) @ (area[..., None] * slope @ spread).reshape(flat.shape)
 
 
 def _spread(surface: Surface) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import skfem
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU, spilu, splu
 
 from tactilevision.errors import InputError
 from tactilevision.records.constants import ROUNDING
@@ -101,6 +101,9 @@ def graded_mesh(
 
 Ints = npt.NDArray[np.int64]
 
+# of SuperLU: the pattern is symmetric, and the values nearly so
+SYMMETRIC = {"SymmetricMode": True, "DiagPivotThresh": 0.001}
+
 
 @dataclass(frozen=True, slots=True)
 class Surface:
@@ -120,9 +123,9 @@ class Surface:
 @dataclass(frozen=True, slots=True)
 class Discretisation:
     """`nodes_mm` (M, 2); `dofs` (E, 18), first the nine u_r; `gradient` (E, Q, 5, 18) maps them to F - 1;
-    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes; `points_mm` (E, Q, 2) quadrature points;
-    `values` (E, Q, 9) of the displacement's shape functions; `corner_gradient` (E, 4, 4, 18) the in-plane part of
-    `gradient` at the four corners."""
+    `weight_mm3` (E, Q) volumes; `modes` (E, Q, 3) pressure modes, the first one 1, orthonormal on an element's
+    average; `points_mm` (E, Q, 2) quadrature points; `values` (E, Q, 9) of the displacement's shape functions;
+    `corner_gradient` (E, 4, 4, 18) the in-plane part of `gradient` at the four corners."""
 
     nodes_mm: Floats
     dofs: Ints
@@ -159,15 +162,18 @@ def discretise(mesh: skfem.MeshQuad, *, order: int = 4, surface_order: int = 8) 
     gradient[:, :, 4, :9] = values / radius[..., None]
     centre = points.mean(axis=1, keepdims=True)
     spread = np.ptp(points, axis=1, keepdims=True)
-    modes = np.concatenate([np.ones((*radius.shape, 1)), (points - centre) / spread], axis=-1)
+    linear = np.concatenate([np.ones((*radius.shape, 1)), (points - centre) / spread], axis=-1)
+    weight = 2 * np.pi * radius * np.asarray(basis.dx)
+    root = np.sqrt(weight)[..., None]
+    modes = np.linalg.qr(root * linear)[0] / root
     nodes = np.asarray(basis.element_dofs).T
     corners = (np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]), np.full(4, 0.25))
     return Discretisation(
         nodes_mm=np.asarray(basis.doflocs).T.copy(),
         dofs=np.concatenate([2 * nodes, 2 * nodes + 1], axis=1).astype(np.int64),
         gradient=gradient,
-        weight_mm3=2 * np.pi * radius * np.asarray(basis.dx),
-        modes=modes,
+        weight_mm3=weight,
+        modes=modes / modes[:, :1, :1],
         points_mm=points,
         values=values,
         corner_gradient=_plane_gradient(skfem.Basis(mesh, skfem.ElementQuad2(), quadrature=corners)),
@@ -213,51 +219,45 @@ def _surface(mesh: skfem.MeshQuad, order: int) -> Surface:
 class Pattern:
     """Where element entries go among the free unknowns.
 
-    `free` (n,) numbers of the free unknowns; `kept` and `slot` per element table: which of its flattened entries
-    couple two free unknowns, and to which stored entry each adds.
+    `free` (n,) numbers of the free unknowns, in an order of little fill; `slot` the stored entry to which each
+    entry of all element tables adds, one beyond the last where it does not couple two free unknowns.
     """
 
     free: Ints
-    kept: tuple[Ints, ...]
-    slot: tuple[Ints, ...]
-    indices: Ints
-    indptr: Ints
+    slot: Ints
+    indices: npt.NDArray[np.int32]
+    indptr: npt.NDArray[np.int32]
 
 
 def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
     """Return the pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
-    number = np.cumsum(free) - 1
-    size = int(free.sum())
-    kept, keys = [], []
-    for table in tables:
-        rows = np.repeat(table, table.shape[1], axis=1).ravel()
-        columns = np.tile(table, (1, table.shape[1])).ravel()
-        keep = np.flatnonzero(free[rows] & free[columns])
-        kept.append(keep)
-        keys.append(number[columns[keep]] * size + number[rows[keep]])
-    unique, slots = np.unique(np.concatenate(keys), return_inverse=True)
-    splits = np.cumsum([len(k) for k in keys])[:-1]
-    return Pattern(
-        free=np.flatnonzero(free),
-        kept=tuple(kept),
-        slot=tuple(np.split(slots, splits)),
-        indices=unique % size,
-        indptr=np.searchsorted(unique // size, np.arange(size + 1)),
-    )
+    number, size = np.where(free, np.cumsum(free) - 1, -1), int(free.sum())
+    rows = np.concatenate([np.repeat(number[table], table.shape[1], axis=1).ravel() for table in tables])
+    columns = np.concatenate([np.tile(number[table], (1, table.shape[1])).ravel() for table in tables])
+    both = np.minimum(rows, columns) >= 0
+    alike = sparse.csc_array((np.ones(both.sum()), (rows[both], columns[both])), shape=(size, size))
+    alike.setdiag(size)  # dominant: no pivot moves, and all else is dropped, since only the order is asked for
+    ordered = spilu(alike, drop_tol=1, fill_factor=1, permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
+    order = np.argsort(ordered.perm_c)
+    moved = alike[order][:, order].tocsc()
+    moved.sort_indices()
+    stored = np.repeat(size * np.arange(size), np.diff(moved.indptr)) + moved.indices
+    place = np.argsort(order)
+    keys = np.where(both, size * place[columns] + place[rows], size**2)
+    return Pattern(np.flatnonzero(free)[order], np.searchsorted(stored, keys), moved.indices, moved.indptr)
 
 
 def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_array:
     """Sum element stiffnesses (K, n, n), N per mm, one array a table, into the free unknowns' matrix."""
-    data = np.zeros(len(pattern.indices))
-    for kept, slot, stiffness in zip(pattern.kept, pattern.slot, stiffnesses, strict=True):
-        data += np.bincount(slot, stiffness.reshape(-1)[kept], minlength=len(data))
-    size = len(pattern.free)
+    size, entries = len(pattern.free), len(pattern.indices)
+    values = np.concatenate([stiffness.ravel() for stiffness in stiffnesses])
+    data = np.bincount(pattern.slot, values, minlength=entries)[:entries]
     return sparse.csc_array((data, pattern.indices, pattern.indptr), shape=(size, size))
 
 
 def factorise(matrix: sparse.csc_array) -> SuperLU:
-    """Return LU in SuperLU's symmetric mode: the pattern is symmetric, and the values nearly so."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
+    """Return LU of a matrix in its pattern's order, column by column: its blocks are too small for panels."""
+    return splu(matrix, permc_spec="NATURAL", panel_size=1, relax=1, options=SYMMETRIC)
 
 
 def scatter(size: int, tables: tuple[Ints, ...], *, forces: tuple[Floats, ...]) -> Floats:

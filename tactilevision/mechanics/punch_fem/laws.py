@@ -12,7 +12,8 @@ from tactilevision.records.measured import Floats, Material
 # Deformation of an axisymmetric solid, as five numbers a point, and the invariants built from them.
 #
 # F = (F_rr, F_rz, F_zr, F_zz, F_tt): row the component, column the reference direction, t the hoop. All
-# arrays are (N, 5), first derivatives (N, 5), second derivatives (N, 5, 5), for N points.
+# arrays are (N, 5), first derivatives (N, 5), second derivatives (N, 5, 5), for N points. In memory the points are
+# contiguous (Fortran's order): sums and products then run along them.
 # Source: Holzapfel, Nonlinear Solid Mechanics (2000), chapter 6.
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # deformation gradient at rest: F_rr, F_rz, F_zr, F_zz, F_tt
@@ -36,6 +37,7 @@ class Deformation:
 
 def deformation(F: Floats) -> Deformation:
     """Return the determinants of F (N, 5) and their derivatives: J = (F_rr F_zz - F_rz F_zr) F_tt."""
+    F = np.asfortranarray(F)
     hoop = F[:, 4]
     plane = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
     plane_gradient = np.zeros_like(F)
@@ -43,15 +45,21 @@ def deformation(F: Floats) -> Deformation:
     plane_gradient[:, 2], plane_gradient[:, 3] = -F[:, 1], F[:, 0]
     gradient = plane_gradient * hoop[:, None]
     gradient[:, 4] = plane
-    hessian = hoop[:, None, None] * PLANE_HESSIAN
+    hessian = scaled(hoop, PLANE_HESSIAN)
     hessian[:, 4, :4] = hessian[:, :4, 4] = plane_gradient[:, :4]
     return Deformation(F, plane, plane_gradient, plane * hoop, gradient, hessian)
 
 
 def outer(left: Floats, right: Floats) -> Floats:
     """Return the dyad of two (N, 5) fields: (N, 5, 5)."""
-    product: Floats = left[:, :, None] * right[:, None, :]
-    return product
+    product: Floats = left.T[:, None] * right.T
+    return product.transpose(2, 0, 1)
+
+
+def scaled(weight: Floats, constant: Floats) -> Floats:
+    """Return a `constant` (5, 5) times `weight` (N,): (N, 5, 5)."""
+    product: Floats = constant[:, :, None] * weight
+    return product.transpose(2, 0, 1)
 
 
 # Constitutive laws: a distortional energy a law, and one volumetric energy for all.
@@ -84,13 +92,12 @@ class Law:
         length = np.einsum("ni,ni->n", F, F)
         _, first, second = self.of_invariant(scale * length - 3, shear_MPa)
         gradient = scale[:, None] * (2 * F - (2 / 3 * length / J)[:, None] * G)
-        cross = outer(F, G)
-        hessian = -(4 / 3 / J)[:, None, None] * (cross + cross.transpose(0, 2, 1))
-        hessian += (10 / 9 * length / J**2)[:, None, None] * outer(G, G)
+        by_length = -(4 / 3 / J)[:, None] * F
+        hessian = outer(G, by_length + (10 / 9 * length / J**2)[:, None] * G) + outer(by_length, G)
         hessian -= (2 / 3 * length / J)[:, None, None] * state.volume_hessian
         hessian[:, range(5), range(5)] += 2
-        tangent = (first * scale)[:, None, None] * hessian + second[:, None, None] * outer(gradient, gradient)
-        return first[:, None] * gradient, tangent
+        hessian *= (first * scale)[:, None, None]
+        return first[:, None] * gradient, hessian + outer(second[:, None] * gradient, gradient)
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the volumetric measure g(J) (N,), with g' and g''."""
@@ -189,17 +196,14 @@ class Hencky(Law):
         second = (1 / 3) / j**2 - first / j
         excess = _excess(state)
         _, slope, curvature = _arccosh_square(excess)
-        shape = state.F @ _SHAPE
-        grad_x = shape / j[:, None] - (excess / j)[:, None] * grad_j
-        hess_x = _SHAPE / j[:, None, None]
-        mixed = outer(shape, grad_j) / (j**2)[:, None, None]
-        hess_x = hess_x - mixed - mixed.transpose(0, 2, 1)
-        hess_x += (2 * excess / j**2)[:, None, None] * outer(grad_j, grad_j)
-        hess_x -= (excess / j)[:, None, None] * PLANE_HESSIAN
-        stress = first[:, None] * grad_j + (slope / 2)[:, None] * grad_x
-        tangent = second[:, None, None] * outer(grad_j, grad_j) + first[:, None, None] * PLANE_HESSIAN
-        tangent += (curvature / 2)[:, None, None] * outer(grad_x, grad_x)
-        tangent += (slope / 2)[:, None, None] * hess_x
+        shape = np.asfortranarray(state.F @ _SHAPE)
+        # grad x = (shape - excess grad j)/j and its slope, sorted by their dyads
+        mixed = -(slope + curvature * excess)[:, None] / (2 * j**2)[:, None]
+        stress = (first - slope * excess / (2 * j))[:, None] * grad_j + (slope / (2 * j))[:, None] * shape
+        of_j = second + excess / j**2 * (slope + curvature * excess / 2)
+        tangent = outer(grad_j, of_j[:, None] * grad_j + mixed * shape)
+        tangent += outer(shape, (curvature / (2 * j**2))[:, None] * shape + mixed * grad_j)
+        tangent += scaled(slope / (2 * j), _SHAPE) + scaled(first - slope * excess / (2 * j), PLANE_HESSIAN)
         across = -(2 / 3) / (j * hoop)
         tangent[:, 4, :] += across[:, None] * grad_j
         tangent[:, :, 4] += across[:, None] * grad_j
@@ -257,12 +261,11 @@ def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Float
     tangent = law.distortion(state, shear)[1]
     tangent += (bulk * (dg**2 + g * ddg))[:, None, None] * outer(gradient, gradient)
     tangent += (bulk * g * dg)[:, None, None] * state.volume_hessian
-    plane = tangent[:, :4, :4].reshape(-1, 2, 2, 2, 2)
     angle = np.arange(DIRECTIONS) * (np.pi / DIRECTIONS)
-    normals = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    least = np.full(len(plane), np.inf)
-    for n in normals:
-        Q = np.einsum("pijkl,j,l->pik", plane, n, n)
-        mean, half = (Q[:, 0, 0] + Q[:, 1, 1]) / 2, (Q[:, 0, 0] - Q[:, 1, 1]) / 2
-        least = np.minimum(least, mean - np.hypot(half, Q[:, 0, 1]))
+    plane = tangent[:, :4, :4].reshape(-1, 2, 2, 2, 2).transpose(1, 3, 0, 2, 4).reshape(2, 2, -1, 4)
+    mean, half = (plane[0, 0] + plane[1, 1]) / 2, (plane[0, 0] - plane[1, 1]) / 2
+    least = np.full(len(tangent), np.inf)
+    for n in np.stack([np.cos(angle), np.sin(angle)], axis=-1):
+        dyad = np.outer(n, n).ravel()
+        least = np.minimum(least, mean @ dyad - np.hypot(half @ dyad, plane[0, 1] @ dyad))
     return np.asarray(least / shear)

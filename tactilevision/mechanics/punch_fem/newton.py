@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.punch_fem.contact import ContactHistory, ContactState, RoundedPunch, touch, untouched
@@ -65,7 +66,7 @@ def solve_step(
     goes on where a shorter step would usually be cheaper.
     """
     mesh, (u, pressure) = model.mesh, guess
-    jump = -depth_mm - u[mesh.punch]
+    jump, factors, errors = -depth_mm - u[mesh.punch], None, (np.inf, np.inf)
     history, most = last.history, MAX_WITH_PATIENCE if patient else MAX_ITERATIONS
     for iteration in range(most + 1):
         state = deform(mesh, u)
@@ -78,6 +79,9 @@ def solve_step(
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return f"the iteration diverges (residual {error:.1e})"
+        if abs(error - errors[0]) < FORCE_TOLERANCE * error and min(error, errors[1]) > CHATTER_TOLERANCE:
+            break  # contact points take turns for ever
+        errors = errors[1], error
         chatters = iteration > LATE
         settled = jump == 0 and (contact is None or iteration > 0)
         settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)
@@ -88,13 +92,16 @@ def solve_step(
             reaction = -float(residual[mesh.punch])
             reached = None if contact is None else contact.history
             return State(u, pressure, reached, -float(u[mesh.punch]), reaction, iteration, folded)
-        du, jump = _increment(model, solid, contact, jump), 0.0
+        if jump or error > FORCE_TOLERANCE:  # else the volume alone is corrected, by the last factors
+            factors = None
+        du, factors = _increment(model, solid, contact, jump=jump, factors=factors)
+        jump = 0.0
         if contact is not None and last.history is not None:
             history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
         local = du[mesh.dofs]
         pressure = pressure + solid.recover_constant - (solid.recover_slope @ local[:, :, None])[:, :, 0]
-    return f"no convergence in {most} iterations (residual {error:.1e})"
+    return f"no convergence in {iteration} iterations (residual {error:.1e})"
 
 
 def contact_at(
@@ -125,17 +132,21 @@ def _sum(model: Model, forces: Floats, contact: ContactState | None) -> Floats:
     return scatter(model.mesh.size, model.tables, forces=parts)
 
 
-def _increment(model: Model, solid: ElementSystem, contact: ContactState | None, jump: float) -> Floats:
-    """Return Newton's increment of all unknowns, the punch's prescribed `jump` included."""
+def _increment(
+    model: Model, solid: ElementSystem, contact: ContactState | None, *, jump: float, factors: SuperLU | None
+) -> tuple[Floats, SuperLU]:
+    """Return Newton's increment of all unknowns, the punch's prescribed `jump` included, and the factors."""
     mesh, free = model.mesh, model.pattern.free
     right, du = -_sum(model, solid.force, contact), np.zeros(mesh.size)
-    parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
-    if jump:
-        du[mesh.punch] = jump
-        for dofs, stiffness in zip(model.tables, parts, strict=True):
-            right -= scatter(mesh.size, (dofs,), forces=((stiffness @ du[dofs][:, :, None])[:, :, 0],))
-    du[free] = factorise(assemble(model.pattern, parts)).solve(right[free])
-    return du
+    if factors is None:
+        parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
+        if jump:
+            du[mesh.punch] = jump
+            for dofs, stiffness in zip(model.tables, parts, strict=True):
+                right -= scatter(mesh.size, (dofs,), forces=((stiffness @ du[dofs][:, :, None])[:, :, 0],))
+        factors = factorise(assemble(model.pattern, parts))
+    du[free] = factors.solve(right[free])
+    return du, factors
 
 
 # Loading and unloading in adaptive steps: a step that fails is cut.

@@ -2,8 +2,8 @@
 
 Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
 [K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is
-eliminated element by element (3 by 3) and recovered afterwards: p is an unknown of Newton's method, never a
-function of u, and the iteration count does not depend on nu.
+eliminated element by element (K_pp is diagonal) and recovered afterwards: p is an unknown of Newton's method,
+never a function of u, and the iteration count does not depend on nu.
 """
 
 from __future__ import annotations
@@ -25,16 +25,28 @@ from tactilevision.records.measured import Floats, Material
 
 @dataclass(frozen=True, slots=True)
 class ElementSystem:
-    """One linearisation: `force` (E, 18) and `stiffness` (E, 18, 18) with the pressure condensed, and what
-    recovers it, dp = `recover_constant` (E, 3) - `recover_slope` (E, 3, 18) du. `internal` (E, 18) is the force
-    before that."""
+    """One linearisation: `force` (E, 18) with the pressure condensed, and what recovers it,
+    dp = `recover_constant` (E, 3) - `recover_slope` (E, 3, 18) du. `internal` (E, 18) is the force before that;
+    `tangent` (E Q, 5, 5) of the stress, `coupling` (E, 3, 18) of pressure and motion."""
 
+    mesh: Discretisation
+    tangent: Floats
+    coupling: Floats
     force: Floats
-    stiffness: Floats
     internal: Floats
     recover_constant: Floats
     recover_slope: Floats
     pressure_residual: Floats
+
+    @property
+    def stiffness(self) -> Floats:
+        """The stiffness (E, 18, 18), N per mm, with the pressure condensed; computed at each call."""
+        elements, points, gradient = *self.mesh.weight_mm3.shape, self.mesh.gradient
+        weighted = np.multiply(self.tangent, self.mesh.weight_mm3.reshape(-1, 1, 1), order="C")
+        across = gradient.reshape(elements, points * 5, 18).transpose(0, 2, 1)
+        matrix: Floats = across @ (weighted @ gradient.reshape(-1, 5, 18)).reshape(elements, points * 5, 18)
+        matrix -= self.coupling.transpose(0, 2, 1) @ self.recover_slope
+        return matrix
 
 
 def deform(mesh: Discretisation, u: Floats) -> Deformation:
@@ -65,7 +77,7 @@ def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
 def linearise(
     mesh: Discretisation, law: Law, *, material: Material, state: Deformation, pressure: Floats
 ) -> ElementSystem:
-    """Return the forces (N) and stiffness (N per mm) at `state` and `pressure` (E, 3), in MPa.
+    """Return the forces (N) and what gives the stiffness at `state` and `pressure` (E, 3), in MPa.
 
     NaN where the law is not defined there.
     """
@@ -75,27 +87,24 @@ def linearise(
     stress, tangent = law.distortion(state, material.shear_modulus_MPa)
     g, dg, ddg = law.volume(state.volume)
     stress = stress + (p * dg)[:, None] * state.volume_gradient
-    tangent = tangent + (p * dg)[:, None, None] * state.volume_hessian
-    tangent += (p * ddg)[:, None, None] * outer(state.volume_gradient, state.volume_gradient)
+    tangent += (p * dg)[:, None, None] * state.volume_hessian
+    tangent += outer((p * ddg)[:, None] * state.volume_gradient, state.volume_gradient)
 
     weight = mesh.weight_mm3.ravel()
     flat = mesh.gradient.reshape(elements, points * 5, 18)
-    across = flat.transpose(0, 2, 1)
-    internal = (across @ (weight[:, None] * stress).reshape(elements, -1, 1))[:, :, 0]
-    weighted = (weight[:, None, None] * tangent) @ mesh.gradient.reshape(-1, 5, 18)
-    stiffness = across @ weighted.reshape(elements, points * 5, 18)
+    internal = ((weight[:, None] * stress).reshape(elements, 1, -1) @ flat)[:, 0]
 
     modes = mesh.modes * mesh.weight_mm3[:, :, None]
-    coupling = (dg[:, None] * state.volume_gradient).reshape(elements, points, 5, 1) * modes[:, :, None, :]
-    K_pu = coupling.reshape(elements, points * 5, 3).transpose(0, 2, 1) @ flat
-    K_pp = modes.transpose(0, 2, 1) @ mesh.modes / -bulk
+    by_strain = (dg[:, None] * state.volume_gradient).reshape(elements, points, 5, 1) * modes[:, :, None, :]
+    K_pu = by_strain.reshape(elements, points * 5, 3).transpose(0, 2, 1) @ flat
     R_p = np.einsum("eqm,eq->em", modes, (g - p / bulk).reshape(elements, points))
-    solved = np.linalg.solve(K_pp, np.concatenate([R_p[:, :, None], K_pu], axis=2))
-    constant, slope = -solved[:, :, 0], solved[:, :, 1:]
-    K_up = K_pu.transpose(0, 2, 1)
+    softness = bulk / mesh.weight_mm3.sum(axis=1)  # K_pp is -1 over it
+    constant, slope = softness[:, None] * R_p, -softness[:, None, None] * K_pu
     return ElementSystem(
-        force=internal + (K_up @ constant[:, :, None])[:, :, 0],
-        stiffness=stiffness - K_up @ slope,
+        mesh=mesh,
+        tangent=tangent,
+        coupling=K_pu,
+        force=internal + (constant[:, None] @ K_pu)[:, 0],
         internal=internal,
         recover_constant=constant,
         recover_slope=slope,

@@ -45,9 +45,10 @@ def boundary(mesh: Discretisation) -> np.ndarray:
 
 def solve(mesh: Discretisation, material: Material, law: Law, prescribed: Floats) -> tuple[Floats, Floats]:
     """Newton's method with `prescribed` (N,) on the outline, a disturbed guess inside; gives both unknowns."""
-    free = ~boundary(mesh)
-    pattern = find_pattern((mesh.dofs,), free)
-    u = prescribed + np.where(free, 0.02 * np.abs(prescribed).max() * np.sin(np.arange(mesh.size)), 0.0)
+    inside = ~boundary(mesh)
+    pattern = find_pattern((mesh.dofs,), inside)
+    free = pattern.free
+    u = prescribed + np.where(inside, 0.02 * np.abs(prescribed).max() * np.sin(np.arange(mesh.size)), 0.0)
     pressure = np.zeros((len(mesh.dofs), 3))
     for _ in range(12):
         system = linearise(mesh, law, material=material, state=deform(mesh, u), pressure=pressure)
