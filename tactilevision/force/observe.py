@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -171,6 +171,7 @@ def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> 
     return float(np.sqrt(np.mean(chosen**2))) if chosen.size else 0.0
 
 
+@lru_cache(maxsize=8)
 def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return the indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
     (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
