@@ -312,12 +312,14 @@ class SideTable:
         """Return the table (parts, parts, S, S) of the stations that `cells` lie between, and weights (cells, S)
         of linear interpolation.
         """
-        down, across = self._weights
-        row, column = np.divmod(cells, self.grid.shape[1])
-        weights = (down[row][:, :, None] * across[column][:, None, :]).reshape(len(cells), -1)
-        used, count = np.flatnonzero(weights.any(axis=0)), weights.shape[1]
+        places = np.divmod(cells, self.grid.shape[1])
+        down, across = (along[place] for along, place in zip(self._weights, places, strict=True))
+        rows, columns = (np.flatnonzero(one.any(axis=0)) for one in (down, across))
+        weights = (down[:, rows, None] * across[:, None, columns]).reshape(len(cells), -1)
+        near, count = np.flatnonzero(weights.any(axis=0)), len(self.table) // 3
+        used = (rows[:, None] * across.shape[1] + columns).ravel()[near]
         table = self.table.reshape(count, 3, count, 3).transpose(1, 3, 0, 2)[-parts:, -parts:]
-        return table[..., used[:, None], used].astype(np.float64), weights[:, used]
+        return table[..., used[:, None], used].astype(np.float64), weights[:, near]
 
     @cached_property
     def _weights(self) -> list[Floats]:
