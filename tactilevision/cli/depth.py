@@ -354,13 +354,14 @@ def _figures(
     """Draw the strongest frames, the resultant over time, its sensitivity to E and nu, and its residual."""
     sensitivity: list[dict[str, Any]] = []
     strength = comparison.strength_N(rows)
+    drawn = {}
     for number in strongest_frames(recording, strength, most=most):
-        solved = job.solve(read_frame(recording, number))
+        solved = drawn[number] = job.solve(read_frame(recording, number))
         figure = draw.draw_force(solved.found, solved.height, shear=solved.shear)
         style.save_figure(figure, folder / f"{Path(rows[number].frame).stem}_force.png")
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
-        solved = job.solve(read_frame(recording, best))
+        solved = drawn[best] if best in drawn else job.solve(read_frame(recording, best))
         ranges = material_sensitivity(job.field, solved.found, solved.height, solved.shear)
         sensitivity = _sensitivity(solved.found, ranges, folder)
     style.save_figure(draw.draw_resultants(rows, recording.presses), folder / "resultants.png")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import Footprint, HeightMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Bools, Floats, Pair, Picture
 from tactilevision.records.rig import Indenter
-from tactilevision.robust import mad_std, tukey_weight
+from tactilevision.robust import mad_std, median, tukey_weight
 
 # Edge of the face in each direction: the place of the steepest fall of depth outwards.
 #
@@ -28,7 +28,7 @@ from tactilevision.robust import mad_std, tukey_weight
 
 _DIRECTIONS = 180  # round the face
 _ANGLES = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-_TOWARDS = np.c_[np.cos(_ANGLES), np.sin(_ANGLES)]
+_TOWARDS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)]).T  # each contiguous, as numpy keeps it in rays
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:
@@ -85,12 +85,11 @@ def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[F
 
 
 def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
-    """Return -d depth/dr (directions, radii), smoothed over neighbouring directions."""
+    """Return -d depth/dr (directions, radii) of a map, smoothed over neighbouring directions."""
     rays = _TOWARDS[:, None, :] * radii[None, :, None]
-    depth = np.where(height.valid, height.depth_mm, np.nan)
-    values = sample(depth, place_px(height, rays + np.asarray(centre_mm)))
+    values = sample(height.depth_mm, place_px(height, rays + np.asarray(centre_mm)))
     wrapped = np.vstack([values[-2:], values, values[:2]])
-    mean = np.mean([wrapped[k : k + _DIRECTIONS] for k in range(5)], axis=0)
+    mean = sum(wrapped[k : k + _DIRECTIONS] for k in range(5)) / 5
     return -np.gradient(mean, radii, axis=1)
 
 
@@ -104,7 +103,7 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
     whole = walls[np.isfinite(walls).all(axis=1)]  # not cut by the view's border
     if not len(whole):
         return 0.0
-    wall = np.median(whole, axis=0)
+    wall = median(whole.T)
     middle, half = reach.size // 2, 0.5 * float(wall.max())
     if half <= 0:
         return 0.0
@@ -231,8 +230,12 @@ def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tu
     likely = (0.3 * start_radius < radii) & (radii < 3 * start_radius)
     centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
     radii = np.concatenate([[start_radius], radii[likely]])
-    distance = np.hypot(*(points.T[:, None] - centres.T[..., None]))
-    best = int(np.argmax(np.count_nonzero(np.abs(distance - radii[:, None]) < tolerance, axis=1)))
+    least, most = (np.maximum(radii + side, 0.0) ** 2 for side in (-tolerance, tolerance))  # of squared distances
+    of_points = np.stack([np.sum(points**2, axis=1), *points.T, np.ones(len(points))])
+    beyond = np.sum(centres**2, axis=1) - (least + most) / 2
+    of_centres = np.column_stack([np.ones(len(radii)), -2 * centres, beyond])
+    near = np.abs(of_centres @ of_points) < (most - least)[:, None] / 2
+    best = int(np.argmax(np.count_nonzero(near, axis=1)))
     return centres[best], float(radii[best])
 
 
@@ -252,7 +255,9 @@ def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tup
 def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
     offset = points - centre
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), TINY)
-    return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
+    jacobian = np.full((len(points), 3), -1.0)
+    jacobian[:, :2] = -offset / distance[:, None]
+    return jacobian, distance - radius
 
 
 def _inverse_diagonal(information: Floats) -> Floats:
@@ -290,6 +295,7 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
     if start is None:
         return None
     circle, moved = None, 0.0
+    height = replace(height, depth_mm=np.where(height.valid, height.depth_mm, np.float32(np.nan)))
     for _ in range(2):  # the second time round the centre of the first
         points, steepness, moved = edge_points(height, *start)
         steep = steepness > 0.25 * np.median(steepness) if len(steepness) else np.zeros(0, dtype=bool)
@@ -381,13 +387,21 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
         max(int(columns * height.mm_per_px[0] / _GRID_MM), 8),
         max(int(rows * height.mm_per_px[1] / _GRID_MM), 8),
     )
-    known = cv2.resize(height.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    filled = np.where(height.valid, height.depth_mm, 0).astype(np.float32)
-    depth = cv2.resize(filled, size, interpolation=cv2.INTER_AREA)
-    score, covered = _contrast(depth, known, radius_mm / _GRID_MM)
+    filled = np.where(height.valid, height.depth_mm, 0)
+    depth = cv2.resize(filled.astype(np.float32, copy=False), size, interpolation=cv2.INTER_AREA)
+    (disc, of_disc), (ring, of_ring) = _disc_and_ring(
+        np.packbits(height.valid).tobytes(), (rows, columns), size, radius_mm / _GRID_MM
+    )
+    within, around = (
+        cv2.filter2D(depth, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT) / np.maximum(share, 0.05)
+        for weights, share in ((disc, of_disc), (ring, of_ring))
+    )
+    score, covered = within - around, np.minimum(of_disc, of_ring) > 0.4
     if not covered.any():
         return None
-    typical, scatter = np.median(score[covered]), mad_std(score[covered])
+    known = score[covered]
+    typical = np.median(known)
+    scatter = mad_std(known, centre=typical)
     best = np.unravel_index(int(np.where(covered, score, -np.inf).argmax()), score.shape)
     if score[best] - typical < _DETECTION_SIGMA * scatter or score[best] <= 0:
         return None
@@ -396,23 +410,24 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
     return (float(x * height.mm_per_px[0]), float(y * height.mm_per_px[1])), float(score[best])
 
 
-def _contrast(depth: Floats, known: Floats, radius: float) -> tuple[Floats, Bools]:
-    """Return the mean over a disc minus the mean over the ring round it, and where enough of both is in view."""
+@lru_cache(maxsize=16)  # the pixels of a sensor that are not valid are the same in most frames
+def _disc_and_ring(
+    valid: bytes, shape: tuple[int, int], size: tuple[int, int], radius: float
+) -> list[tuple[Picture, Picture]]:
+    """Return the weights of a disc and of the ring round it, and of each the share (rows, columns) that packed
+    pixels say to be valid.
+    """
+    bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=shape[0] * shape[1]).reshape(shape)
+    known = cv2.resize(bits.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     reach = int(np.ceil(_RING[1] * radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     distance = np.hypot(x, y)
-    score = np.zeros_like(depth)
-    covered = np.ones(depth.shape, dtype=bool)
-    for sign, shape in (
-        (1, distance < 0.9 * radius),
-        (-1, (distance > _RING[0] * radius) & (distance < _RING[1] * radius)),
-    ):
-        kernel = shape.astype(np.float32) / shape.sum()
-        total = cv2.filter2D(depth, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
+    found = []
+    for inside in (distance < 0.9 * radius, (distance > _RING[0] * radius) & (distance < _RING[1] * radius)):
+        kernel = inside.astype(np.float32) / inside.sum()
         share = cv2.filter2D(known, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
-        covered &= share > 0.4
-        score += sign * total / np.maximum(share, 0.05)
-    return score, covered
+        found.append((kernel, share))
+    return found
 
 
 def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:

@@ -50,9 +50,9 @@ def writes_into(folder: Path | str) -> Iterator[None]:
 
 def check_links(path: Path | str) -> None:
     """Raise OutputError where a folder between a folder of results and `path` in it is a link."""
-    place = Path(os.path.abspath(path))
-    for folder in place.parents:
-        if os.path.islink(folder) and any(folder.is_relative_to(one) and str(folder) != one for one in _folders):
+    below = tuple(os.path.join(one, "") for one in _folders)
+    for folder in Path(os.path.abspath(path)).parents:
+        if str(folder).startswith(below) and os.path.islink(folder):
             raise OutputError("a folder of the results is a link, and not followed", where=folder, remedy=_OTHER)
 
 

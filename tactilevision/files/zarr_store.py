@@ -70,6 +70,8 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
     """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
     with output_errors(scratch):
         for name, values in fields.items():
+            if np.isnan(values).all():  # a chunk that is not there reads as NaN
+                continue
             folder = scratch / name
             made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
             codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))

@@ -108,13 +108,13 @@ class GelCompliance:
         table = self.layer.table.reshape(2 * rows - 1, 2 * columns - 1, 3, 3)[:, :, 2].astype(np.float32)
         return shape, np.stack([fft.rfft2(table[..., k], shape) for k in range(3)])
 
-    def by_poisson(self, cells: Cells, parts: int) -> Floats:
-        """Return the derivative of the cells' own block by nu, (parts C, parts C)."""
+    def by_poisson(self, cells: Cells, traction: Floats) -> Floats:
+        """Return the derivative by nu, (parts C,), of the displacement by `traction` (parts, C) on these cells."""
         assert self.slopes is not None
-        layer = self.slopes.layer.block(cells, parts)
+        found = self.slopes.layer.block(cells, len(traction)) @ traction.ravel()
         if self.sides is None or self.slopes.sides is None:
-            return layer
-        return np.asarray(layer + self.slopes.sides.block(cells, parts))
+            return found
+        return np.asarray(found + self.slopes.sides.moved(cells, traction).ravel())
 
 
 Compliance = GelCompliance | MeshCompliance
@@ -437,8 +437,7 @@ def unclipped(
     if compliance.sides is not None:
         within = np.zeros((len(found.traction), len(support)))
         within[:, np.searchsorted(support, found.cells)] = found.traction
-        sides = compliance.sides.block(support, len(within))
-        left = left - (sides @ within.ravel())[-len(support) :] if sides.size > 1 else left
+        left = left - compliance.sides.moved(support, within)[-1]
     rms = _rms(found.traction[-1:], seen.std_mm[-1:] / unit)
     every = np.arange(len(support))
     rough = roughness(support, grid.shape)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,7 +80,8 @@ class TractionStore:
         every, track, names = read_frames(self.scratch, (PATCH,))[PATCH], PatchTracker(), []
         for number in good:
             names.append(track.follow(every[number].astype(np.intp)))
-            write_frame(self.scratch, number, fields={PATCH: np.asarray(track.numbered, dtype=np.float32)})
+            if not np.array_equal(lasting := np.asarray(track.numbered, dtype=np.float32), every[number]):
+                write_frame(self.scratch, number, fields={PATCH: lasting})
         return names
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
@@ -217,13 +219,14 @@ class ForceJob:
 
     def maps(self, frame: Frame) -> tuple[HeightMap, ShearMap | None, list[str], TractionMap | None]:
         """Return the height of a frame, its shear, why there is none, and the tractions where nothing touches."""
-        height = self.reconstructor.height_map(frame)
+        rgb = self.reconstructor.rectified(frame)
+        height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
         if (free := self.field.free(height)) is not None:
             return height, None, [], free
         height = self.anchor(height)
         if self.untouched is None or not self.untouched.shows:
             return height, None, [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW], None
-        return height, self.untouched.shear(self.reconstructor.rectified(frame)), [], None
+        return height, self.untouched.shear(rgb), [], None
 
     def kept(self, result: FrameForce) -> bool:
         """Return whether the store that holds the frame's tractions is there."""
@@ -296,9 +299,14 @@ class Readings:
             return False
         times, force = self.forces.time_s, self.forces.force_N
         under_way = (times > press.start_s + self.offset) & (times < press.end_s + self.offset)
-        ends = np.abs(force).max(axis=0)
-        at_end = (np.abs(force[under_way]) == ends) & (ends > 0)
+        at_end = (np.abs(force[under_way]) == self._ends) & (self._ends > 0)
         return bool((at_end.sum(axis=0) >= STUCK).any())
+
+    @cached_property
+    def _ends(self) -> Floats:
+        """Return the greatest force (3,) along each axis."""
+        assert self.forces is not None
+        return np.asarray(np.abs(self.forces.force_N).max(axis=0))
 
     def _free(self, recording: Recording) -> Floats | None:
         """Return (G, 4) middle time and median force of every gap between presses.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -283,7 +284,7 @@ SOLVED_AT = ((0.35, 0.45, 0.4995), (0.0, 0.2, 0.35))  # Poisson's ratios of elas
 MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SideTable:
     """`table` (3 S, 3 S), x y z of each station over `grid` in turn: mm/N at 1 MPa, or its derivative by nu."""
 
@@ -295,26 +296,38 @@ class SideTable:
 
         (1, 1), a 0, where no side is near.
         """
-        used, weights = self._stations(cells)
-        count = len(self.table) // 3
-        part = self.table.reshape(count, 3, count, 3)[used][:, -parts:, used, -parts:].astype(np.float64)
+        part, weights = self._between(cells, parts)
         if not part.any():
             return np.zeros((1, 1))
-        inner = np.einsum("rp,piqj,sq->irjs", weights, part, weights, optimize=True)
+        inner = (weights @ part @ weights.T).transpose(0, 2, 1, 3)
         return np.asarray(self.grid.cell_mm2 * inner.reshape(parts * len(cells), parts * len(cells)))
 
-    def _stations(self, cells: Cells) -> tuple[Cells, Floats]:
-        """Return the stations that `cells` lie between and the weights (cells, stations) of linear
-        interpolation.
+    def moved(self, cells: Cells, traction: Floats) -> Floats:
+        """Return the displacement (parts, C) by `traction` (parts, C) that the sides add at the same `cells`."""
+        part, weights = self._between(cells, len(traction))
+        by_stations = np.einsum("ijpq,jq->ip", part, traction @ weights)
+        return np.asarray(self.grid.cell_mm2 * by_stations @ weights.T)
+
+    def _between(self, cells: Cells, parts: int) -> tuple[Floats, Floats]:
+        """Return the table (parts, parts, S, S) of the stations that `cells` lie between, and weights (cells, S)
+        of linear interpolation.
         """
-        row, column = np.divmod(cells, self.grid.shape[1])
-        down, across = (
+        places = np.divmod(cells, self.grid.shape[1])
+        down, across = (along[place] for along, place in zip(self._weights, places, strict=True))
+        rows, columns = (np.flatnonzero(one.any(axis=0)) for one in (down, across))
+        weights = (down[:, rows, None] * across[:, None, columns]).reshape(len(cells), -1)
+        near, count = np.flatnonzero(weights.any(axis=0)), len(self.table) // 3
+        used = (rows[:, None] * across.shape[1] + columns).ravel()[near]
+        table = self.table.reshape(count, 3, count, 3).transpose(1, 3, 0, 2)[-parts:, -parts:]
+        return table[..., used[:, None], used].astype(np.float64), weights[:, near]
+
+    @cached_property
+    def _weights(self) -> list[Floats]:
+        """Return the weights of the stations' rows for each row of cells, and those of columns."""
+        return [
             np.stack([np.interp(mm / STATION_MM + (n - 1) / 2, np.arange(n), unit) for unit in np.eye(n)], axis=1)
-            for mm, n in zip((self.grid.y_mm[row], self.grid.x_mm[column]), station_shape(self.grid), strict=True)
-        )
-        weights = (down[:, :, None] * across[:, None, :]).reshape(len(cells), -1)
-        used = np.flatnonzero(weights.any(axis=0))
-        return used, weights[:, used]
+            for mm, n in zip((self.grid.y_mm, self.grid.x_mm), station_shape(self.grid), strict=True)
+        ]
 
 
 def station_shape(grid: NodeGrid) -> tuple[int, int]:

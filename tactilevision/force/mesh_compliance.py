@@ -65,10 +65,10 @@ class MeshCompliance:
         """Return displacement by traction between cells, (parts C, parts C), mm/MPa."""
         return self._block(self.table, cells, parts)
 
-    def by_poisson(self, cells: Cells, parts: int) -> Floats:
-        """Return the derivative of the cells' own block by nu, (parts C, parts C), mm/MPa."""
+    def by_poisson(self, cells: Cells, traction: Floats) -> Floats:
+        """Return the derivative by nu, (parts C,), of the displacement by `traction` (parts, C) on these cells."""
         assert self.slopes is not None
-        return self._block(self.slopes, cells, parts)
+        return np.asarray(self._block(self.slopes, cells, len(traction)) @ traction.ravel())
 
     def at(self, poisson_ratio: float) -> MeshCompliance:
         """Return the compliance at another nu, to first order."""

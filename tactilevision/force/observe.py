@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -73,12 +73,12 @@ def observe(
     _check(grid, height, shear)
     finite = np.isfinite(height.depth_mm) & height.valid
     depth_px = np.asarray(height.depth_mm, dtype=np.float32)
-    if shear is not None and not finite.all():
-        depth_px = np.where(finite, depth_px, np.float32(0))
     flags: list[str] = []
-    if shear is not None and _share_known(shear, depth_px) < 0.5:
+    if shear is not None and _share_known(shear, depth_px, finite) < 0.5:
         flags += [*shear.flags, "shear not used: known over less than half of the view, or of its deep part"]
         shear = None
+    if shear is not None and not finite.all():
+        depth_px = np.where(finite, depth_px, np.float32(0))
     if shear is not None and height.positions == "deformed":
         depth_px, finite = material_depth(depth_px, finite, shear=shear)
     depth, known = cell_means(grid, depth_px, valid=finite)
@@ -171,6 +171,7 @@ def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> 
     return float(np.sqrt(np.mean(chosen**2))) if chosen.size else 0.0
 
 
+@lru_cache(maxsize=8)
 def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return the indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
     (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
@@ -189,13 +190,14 @@ def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Fl
     return np.asarray(means[tuple(nearest)])
 
 
-def _share_known(shear: ShearMap, depth: Array) -> float:
-    """Return the known share of the view or of its deep part, whichever is less."""
-    if shear.valid.all():
-        return 1.0
-    top = float(depth.max())
-    here = float(shear.valid[depth > top / 2].mean()) if top > 0 else 1.0
-    return min(here, float(shear.valid.mean()))
+def _share_known(shear: ShearMap, depth: Array, finite: Bools) -> float:
+    """Return the known share of the view or of its deep part, whichever is less; of `finite` depths."""
+    share = np.count_nonzero(shear.valid) / shear.valid.size
+    if share in (0.0, 1.0):
+        return share
+    top = float(np.max(depth, where=finite, initial=0.0))
+    here = float(shear.valid[finite & (depth > top / 2)].mean()) if top > 0 else 1.0
+    return min(here, share)
 
 
 def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:

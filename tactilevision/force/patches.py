@@ -171,13 +171,13 @@ class Patches:
         shape, parts = (self.count, 6) * 2, len(self.traction)
         if material.covariance is None:
             return np.zeros(shape)
-        pressure = np.zeros(len(self.whole.cells))
-        pressure[self.place] = self.found.traction[-1]
-        softer = self.compliance.by_poisson(self.whole.cells, 1) @ pressure
+        pressure = np.zeros((1, len(self.whole.cells)))
+        pressure[0, self.place] = self.found.traction[-1]
+        softer = self.compliance.by_poisson(self.whole.cells, pressure)
         by_poisson = -self.whole.response(self._weights(self.whole.cells, self.of_support, scale, 1)) @ softer
         if parts == 3:
             weights = self._weights(self.found.cells, self.of_cells, scale, 3).reshape(len(by_poisson), 3, -1)
-            softer = self.compliance.by_poisson(self.found.cells, 3) @ self.found.traction.ravel()
+            softer = self.compliance.by_poisson(self.found.cells, self.found.traction)
             gain = self.found.gain(weights.reshape(len(weights), -1)).reshape(weights.shape)
             by_poisson -= self._by_shear(weights, gain, self.found.gain).reshape(len(weights), -1) @ softer
         slope = np.stack([wrenches.ravel() / material.youngs_modulus_MPa, by_poisson], axis=1)

@@ -152,7 +152,12 @@ class DepthError:
         """
         if not self.extrapolates:
             return False
-        size = self.extrapolated_std.shape[::-1]
+        (high, wide), size = contact.shape, self.extrapolated_std.shape[::-1]
+        left, top, across, down = cv2.boundingRect(np.asarray(contact, np.uint8))
+        rows = slice(top * size[1] // high, -(-(top + down) * size[1] // high))
+        columns = slice(left * size[0] // wide, -(-(left + across) * size[0] // wide))
+        if self.extrapolated_std[rows, columns].max(initial=0.0) <= MAX_EXTRAPOLATED:
+            return False  # no mean over these blocks is greater
         share = block_means(contact, size)
         covered = float(share.sum())
         return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered

@@ -279,11 +279,14 @@ def as_label(name: str) -> str:
 
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
     """Write the figure as PNG to `path`, and in `form` of FORMS next to it, atomically."""
+    import matplotlib as mpl
+
     choose_fonts(figure)
     layout = figure.get_layout_engine()
-    if layout is not None:  # once, where Matplotlib would draw everything a second time for it
+    if layout is not None:  # once: Matplotlib draws everything a second time for any engine that is left
         layout.execute(figure)
-        figure.set_layout_engine("none")
+        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
     for one in dict.fromkeys((FORMS[0], form)):
         with replacing(Path(path).with_suffix(f".{one}")) as temporary:
             packed: dict[str, Any] = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if one == FORMS[0] else {}

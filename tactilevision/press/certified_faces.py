@@ -248,8 +248,7 @@ def with_face(height: HeightMap, face: Footprint | None, *, depth_scale: DepthSc
     if face is None or not face.depth_mm > 0:
         return height
     lacking = (float(depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
-    disc = _disc(height, face)
-    return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
+    return replace(height, depth_mm=np.where(face.mask, height.depth_mm + lacking, height.depth_mm))
 
 
 NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the picture's own
@@ -270,13 +269,6 @@ def face_depth_correction(
     return FaceDepthCorrection(
         depth_scale, spans, scale_warning(pairs, [ball.ball_radius_mm for ball in recording.balls])
     )
-
-
-def _disc(height: HeightMap, face: Footprint) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    rows, columns = height.depth_mm.shape
-    x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0] - face.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * height.mm_per_px[1] - face.centre_mm[1]
-    return np.asarray(np.hypot(x[None, :], y[:, None]) < face.radius_mm)
 
 
 # Fit of the wall's law to certified faces: maps at their events, compared with the bevel's depth.

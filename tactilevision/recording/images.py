@@ -95,7 +95,7 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
             remedy="Record again with 8 bits or more of red, green and blue.",
         )
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
-        picture = picture[..., 2::-1]
+        picture = np.asarray(cv2.merge(cv2.split(picture)[2::-1]))
     return picture
 
 

@@ -43,6 +43,7 @@ TEXTURE_OVER_NOISE = 1.5  # least ratio of texture to noise
 CORRELATION_PX = 8  # px: patch of the flow
 BLOCK_PX = 4  # px: blocks over which a frame without texture is told quickly
 CLEARLY = 0.05  # share of the view: ten times what blocks err in it
+SUM = np.ones((1, 3), dtype=np.float32)  # of a pixel's channels
 LOGARITHM = np.log1p(np.arange(256, dtype=np.float32))  # of each grey level, plus one
 Singles = npt.NDArray[np.float32]
 
@@ -50,13 +51,14 @@ Singles = npt.NDArray[np.float32]
 @dataclass(frozen=True, slots=True)
 class Texture:
     """Texture of the untouched gel: `weights` (H, W, 3) of the channels, `pattern` (H, W) of unit contrast,
-    `slope` its mean square gradient, `known` (H, W) where it exceeds the noise.
+    `slope` its mean square gradient, `known` (H, W) where it exceeds the noise, `by_blocks` the same two by block.
     """
 
     weights: Singles
     pattern: Singles
     slope: Singles
     known: Bools
+    by_blocks: tuple[Singles, Singles]
 
 
 def read_texture(before: Bytes) -> Texture:
@@ -67,7 +69,8 @@ def read_texture(before: Bytes) -> Texture:
     pattern, known = _pattern(fine, weights)
     along, down = (cv2.Sobel(pattern, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
     slope = _smooth(np.asarray((along**2 + down**2) / 2), CORRELATION_PX)
-    return Texture(weights, pattern, slope, known)
+    by_blocks = _blocks(weights, BLOCK_PX), _blocks(known.astype(np.float32), BLOCK_PX)
+    return Texture(weights, pattern, slope, known, by_blocks)
 
 
 def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
@@ -106,7 +109,8 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
 def _fine(rgb: Bytes) -> Singles:
     """Return the logarithm of each channel (H, W, 3) without what is coarser than the grain."""
     light = cv2.LUT(rgb, LOGARITHM)
-    return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.7) - cv2.GaussianBlur(light, (0, 0), GRAIN_PX))
+    sharp = cv2.GaussianBlur(light, (0, 0), 0.7)
+    return np.asarray(cv2.subtract(sharp, cv2.GaussianBlur(light, (0, 0), GRAIN_PX), sharp))
 
 
 def _channel_noise(fine: Singles, block: int = 1) -> Singles:
@@ -119,8 +123,8 @@ def _channel_noise(fine: Singles, block: int = 1) -> Singles:
 
 def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
     """Return the weighted mean (H, W) of unit contrast, and where it exceeds the noise."""
-    mean = np.einsum("hwc,hwc->hw", fine, weights)
-    noise = np.einsum("hwc,hwc->hw", _channel_noise(fine), weights**2)
+    mean = _weighted(fine, weights)
+    noise = _weighted(_channel_noise(fine), weights**2)
     power = _power(mean)
     scale = np.sqrt(np.maximum(power, noise))
     return np.asarray(mean / scale), np.asarray(power > (1 + TEXTURE_OVER_NOISE**2) * noise, dtype=np.bool_)
@@ -130,10 +134,15 @@ def _known_by_blocks(before: Texture, fine: Singles) -> float:
     """Return about the share of the view in which texture exceeds the noise of both pictures, in a third of the
     time.
     """
-    known, weights = (_blocks(one, BLOCK_PX) for one in (before.known.astype(np.float32), before.weights))
-    power = _power(np.einsum("hwc,hwc->hw", fine, before.weights), BLOCK_PX)
-    noise = np.einsum("hwc,hwc->hw", _channel_noise(fine, BLOCK_PX), weights**2)
+    weights, known = before.by_blocks
+    power = _power(_weighted(fine, before.weights), BLOCK_PX)
+    noise = _weighted(_channel_noise(fine, BLOCK_PX), weights**2)
     return float((known * (power > (1 + TEXTURE_OVER_NOISE**2) * noise)).mean())
+
+
+def _weighted(fine: Singles, weights: Singles) -> Singles:
+    """Return the weighted sum (H, W) of the channels."""
+    return np.asarray(cv2.transform(fine * weights, SUM))
 
 
 def _power(picture: Singles, block: int = 1) -> Singles:

@@ -22,7 +22,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import BEYOND_BALLS, LIGHT, MEANING, Frame, HeightMap
-from tactilevision.records.measured import ForceSeries, Material
+from tactilevision.records.measured import Bytes, ForceSeries, Material
 from tactilevision.records.rig import Gel, Press, Sensor
 
 ROWS, COLUMNS = VIEW.shape
@@ -39,13 +39,19 @@ class Known:
         self.sensor, self.taught, self.error, self.flags = sensor, taught, error, (LIGHT,) if light else ()
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
+    def rectified(self, frame: Frame) -> Bytes:
+        return frame.rgb
+
     def height_map(self, frame: Frame) -> HeightMap:
-        level = float(frame.rgb.mean()) / 100
+        return self.rectified_map(frame.rgb, time_s=frame.time_s, name=frame.name)
+
+    def rectified_map(self, rgb: Bytes, *, time_s: float, name: str) -> HeightMap:
+        level = float(rgb.mean()) / 100
         if level > 2:
-            raise InputError("the frame is saturated", where=frame.name)
+            raise InputError("the frame is saturated", where=name)
         everywhere = np.ones(VIEW.shape, dtype=bool)
         depth = level * self.unit
-        return HeightMap(depth, everywhere, SCALE, time_s=frame.time_s, name=frame.name, flags=self.flags)
+        return HeightMap(depth, everywhere, SCALE, time_s=time_s, name=name, flags=self.flags)
 
 
 def recorded(folder: Path) -> Recording:
