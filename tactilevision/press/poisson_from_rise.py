@@ -216,9 +216,16 @@ class PressSlopes:
 
 
 def fit_nu(
-    recording: Recording, reconstructor: Reconstructor, *, views: Sequence[SurfaceView]
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    views: Sequence[SurfaceView],
+    start: SurfaceFit | None = None,
 ) -> SurfaceFit | None:
-    """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them."""
+    """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them.
+
+    `start`: a fit to other gel around the same presses.
+    """
     gel = recording.sensor.gel
     if gel is None or not views:
         return None
@@ -229,7 +236,11 @@ def fit_nu(
     )
     try:
         return fit_poisson_ratio(
-            views, thickness_mm=gel.thickness_mm, thickness_std_mm=gel.thickness_std_mm, settings=settings
+            views,
+            thickness_mm=gel.thickness_mm,
+            thickness_std_mm=gel.thickness_std_mm,
+            settings=settings,
+            start=start,
         )
     except InputError:  # no view that the profiles reach
         return None
@@ -258,18 +269,20 @@ def _nu_beyond(
     reach_std: float,
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return nu from gel farther than `reach` depths from the edges, and the presses that were not used."""
-    fits = [
-        fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses])
-        for depths in (reach, reach - reach_std, reach + reach_std)
-    ]
-    if fits[0] is None:
+
+    def fitted(depths: float, start: SurfaceFit | None = None) -> SurfaceFit | None:
+        return fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses], start=start)
+
+    fit = fitted(reach)
+    if fit is None:
         why = f"no gel that the profiles reach is in view beyond {reach:.1f} depths of a punch's edge"
         return Estimate(None, None, None, "1", why), ()
-    nu, unused = fits[0].poisson_ratio, fits[0].left_out
+    nu, unused = fit.poisson_ratio, fit.left_out
     if nu.value is None or nu.std is None:
         return nu, unused
-    values = [float(fit.values[0]) for fit in fits if fit is not None]
-    change = 0.5 * float(np.ptp(values[1:])) if len(values) == len(fits) else float(np.ptp(values))
+    others = [fitted(depths, fit) for depths in (reach - reach_std, reach + reach_std)]
+    values = [float(other.values[0]) for other in others if other is not None]
+    change = 0.5 * float(np.ptp(values)) if len(values) == 2 else float(np.ptp([nu.value, *values]))
     return _widened(nu, change), unused
 
 
