@@ -132,14 +132,21 @@ class CalibratedMethod:
             background = background_over(self.background, self.reference.shape)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.maps.mean))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
-        self.noise_bias = noise_bias(self.evaluate, self.change.noise)
-        self.bias: Picture = np.stack(
-            [(q + r) * self.kept_share for q, r in zip(background[:2], self.noise_bias, strict=True)]
-        )
+        self._mean_bias = background[:2]
         self.noise: Picture = background[2] * self.kept_share
         self.readable: Bools = self.reference.usable & (self.kept_share > 0.5)
         kept_share = cv2.resize(self.kept_share, self.change.tracker.size, interpolation=cv2.INTER_AREA)
         self.trusted_blocks: Bools = np.asarray(kept_share > 0.95)
+
+    @cached_property
+    def noise_bias(self) -> tuple[Picture, Picture]:
+        """Return the part of the bias by noise."""
+        return noise_bias(self.evaluate, self.change.noise)
+
+    @cached_property
+    def bias(self) -> Picture:
+        """Return what is subtracted from slopes, (2, H, W)."""
+        return np.stack([(q + r) * self.kept_share for q, r in zip(self._mean_bias, self.noise_bias, strict=True)])
 
     @property
     def current_background(self) -> Picture:
@@ -225,6 +232,12 @@ class CalibratedMethod:
         self.change.follow(rgb_rectified, share)
         if self.tiled_evaluator:
             self.tiled_evaluator.follow(rgb_rectified, share)
+
+    def with_background(self, background: Picture, card: MethodCard) -> CalibratedMethod:
+        """Return the method with another background (3, h, w), and its card."""
+        found = replace(self, background=background, card=card)
+        found.noise_bias = self.noise_bias  # of the same law and reference
+        return found
 
     def noted(self, **changes: Any) -> CalibratedMethod:
         """Return a copy with another `card` (of the same response), `light_law` or `walls`.
