@@ -232,6 +232,18 @@ class BallSearch:
         return find
 
 
+Found = tuple[FoundBalls, FoundBalls]  # each ball found alone, and all with refined circles
+
+
+def find_balls(
+    change: ColourChange, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress = silent
+) -> Found:
+    """Return the balls of all pictures. Raises InputError for fewer than MIN_BALLS, with the faults of others."""
+    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
+    alone = search.collect()
+    return alone, search.refine(alone)
+
+
 def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> float:
     """Return the median change of centres, or radii, from those `before`."""
     moved = [
