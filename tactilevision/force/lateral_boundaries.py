@@ -425,25 +425,36 @@ def _of_one_symmetry(
     One stiffness is held at a time, and none of another span.
     """
     ((shear, volume),) = stiffness_parts(mesh, [span])
-    each = [(half.T @ shear @ half, half.T @ volume @ half, bases) for half, bases in shares]
-    for (own_shear, own_volume, bases), (number, nu) in product(each, enumerate(poisson_ratios)):
-        factor = splu(
-            combined(own_shear, own_volume, poisson_ratio=nu),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        for basis in bases:
-            on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
-            loaded = np.flatnonzero(np.diff(on_wall.indptr))
-            load = -(on_wall[loaded] @ loads[number])
-            squares, shapes = np.linalg.eigh(load @ load.T)
-            shapes = shapes[:, squares > RANK_TOLERANCE**2 * squares[-1]]
-            right = np.zeros((basis.shape[1], shapes.shape[1]))
-            right[loaded] = shapes
-            solved = factor.solve(right)
-            answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
-            yield number, np.asarray(answers.reshape(-1, shapes.shape[1]) @ (shapes.T @ load))
+    for half, bases in shares:
+        own = half.T @ shear @ half, half.T @ volume @ half
+        for number, nu in enumerate(poisson_ratios):
+            matrix = combined(*own, poisson_ratio=nu)
+            yield number, _answers(mesh, matrix, bases, loads=loads[number], stations=stations)
+
+
+def _answers(
+    mesh: GelMesh,
+    matrix: sparse.csc_array,
+    bases: Sequence[sparse.csr_array],
+    *,
+    loads: Floats,
+    stations: sparse.csr_array,
+) -> Floats:
+    """Return the displacement (3 S, 3 S) at the stations by the part of the loads in the bases (3 K N, n) of K."""
+    total = np.zeros((3 * stations.shape[0], loads.shape[1]))
+    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    for basis in bases:
+        on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
+        loaded = np.flatnonzero(np.diff(on_wall.indptr))
+        load = -(on_wall[loaded] @ loads)
+        squares, shapes = np.linalg.eigh(load @ load.T)
+        shapes = shapes[:, squares > RANK_TOLERANCE**2 * squares[-1]]
+        right = np.zeros((basis.shape[1], shapes.shape[1]))
+        right[loaded] = shapes
+        solved = factor.solve(right)
+        seen = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
+        total += seen.reshape(-1, shapes.shape[1]) @ (shapes.T @ load)
+    return total
 
 
 def _element_mm(gel: Gel) -> float:
