@@ -146,7 +146,8 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
         yield Span(levels, faces)
 
 
-Share = tuple[sparse.csc_array, list[sparse.csr_array]]  # combinations (n, m), and displacements (3 K N, m)
+# Combinations (n, m) of a span, None for all, and displacements (3 K N, m).
+Share = tuple[sparse.csc_array | None, list[sparse.csr_array]]
 
 
 def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
@@ -158,19 +159,19 @@ def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
     mirror, twin = _on_diagonal(mesh), False
     for span in symmetric_parts(mesh):
         basis = span.basis
-        every = sparse.eye_array(basis.shape[1], format="csc")
         if mirror is None:
-            yield span, [(every, [basis])]
+            yield span, [(None, [basis])]
             continue
         image = sparse.csc_array(basis.T @ mirror @ basis).rint()  # 1 or -1 for each, or 0 in all
         image.eliminate_zeros()
         if image.nnz:
             first = np.unique(np.minimum(image.indices, np.arange(image.shape[1])))
+            every = sparse.eye_array(len(image.indices), format="csc")
             halves = [sparse.csc_array(every + sign * image)[:, first] for sign in (1, -1)]
             yield span, [(half, [basis @ half]) for half in map(_normalised, halves)]
         elif not twin:
             twin = True  # the next such span is its image
-            yield span, [(every, [basis, mirror @ basis])]
+            yield span, [(None, [basis, mirror @ basis])]
 
 
 def _on_diagonal(mesh: GelMesh) -> sparse.csr_array | None:
@@ -426,7 +427,7 @@ def _of_one_symmetry(
     """
     ((shear, volume),) = stiffness_parts(mesh, [span])
     for half, bases in shares:
-        own = half.T @ shear @ half, half.T @ volume @ half
+        own = (shear, volume) if half is None else (half.T @ shear @ half, half.T @ volume @ half)
         for number, nu in enumerate(poisson_ratios):
             matrix = combined(*own, poisson_ratio=nu)
             yield number, _answers(mesh, matrix, bases, loads=loads[number], stations=stations)
