@@ -340,7 +340,7 @@ class Reconstructor:
         if self.match is None:
             return self
         frames = [as_frame(one) for one in pictures]
-        frames = [frame for frame in frames if self.sound_map(frame.rgb)] or frames
+        frames = [frame for frame in frames if self.sound_surface(frame.rgb)] or frames
         pixels = [frame.rgb for frame in frames]
         before = self.calibration.method.reference if self.calibration else None
         match, scene = self.match.with_scene(frames, before=before)

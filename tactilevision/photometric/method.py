@@ -193,7 +193,8 @@ class CalibratedMethod:
         """
         rows, columns = window
         slopes: Picture = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        steepest, reader, missing = 0.0, self.two_colour_reader, frame.missing
+        steepest, missing = 0.0, frame.missing
+        reader = self.two_colour_reader if missing else None
         both = common(window, missing.window) if reader and missing else None
         for part in strips(window):
             change, out = frame.strip(part), slopes[:, part[0].start - rows.start : part[0].stop - rows.start]
