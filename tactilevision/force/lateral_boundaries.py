@@ -156,12 +156,15 @@ def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
     Of each, all the displacements on which K is that of the combination: a gel may be its own mirror image on
     the diagonal, which turns one span into another, or halves it.
     """
-    mirror, twin = _on_diagonal(mesh), False
+    places, twin = mesh.face.doflocs.T, False
+    off, partners = cKDTree(places).query(places[:, ::-1])
+    if np.max(off) > MICRO * np.ptp(places):
+        yield from ((span, [(None, [span.basis])]) for span in symmetric_parts(mesh))
+        return
+    images = mesh.numbers[[1, 0, 2]][:, :, partners].ravel()
+    mirror = sparse.csr_array((np.ones(images.size), (mesh.numbers.ravel(), images)))
     for span in symmetric_parts(mesh):
         basis = span.basis
-        if mirror is None:
-            yield span, [(None, [basis])]
-            continue
         image = sparse.csc_array(basis.T @ mirror @ basis).rint()  # 1 or -1 for each, or 0 in all
         image.eliminate_zeros()
         if image.nnz:
@@ -172,16 +175,6 @@ def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
         elif not twin:
             twin = True  # the next such span is its image
             yield span, [(None, [basis, mirror @ basis])]
-
-
-def _on_diagonal(mesh: GelMesh) -> sparse.csr_array | None:
-    """Return the mirror (3 K N, 3 K N) at x = y; None where the face is not its own image."""
-    places = mesh.face.doflocs.T
-    off, partners = cKDTree(places).query(places[:, ::-1])
-    if np.max(off) > MICRO * np.ptp(places):
-        return None
-    images = mesh.numbers[[1, 0, 2]][:, :, partners].ravel()
-    return sparse.csr_array((np.ones(images.size), (mesh.numbers.ravel(), images)))
 
 
 def _normalised(basis: sparse.csc_array) -> sparse.csc_array:
@@ -408,38 +401,17 @@ def solve_sides(
         for nu in poisson_ratios
     ]
     for span, shares in unmixed_parts(mesh):
-        for number, seen in _of_one_symmetry(mesh, span, shares, poisson_ratios, loads, stations):
-            tables[number][np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
+        ((shear, volume),) = stiffness_parts(mesh, [span])
+        for half, bases in shares:
+            own = (shear, volume) if half is None else (half.T @ shear @ half, half.T @ volume @ half)
+            for table, nu, load in zip(tables, poisson_ratios, loads, strict=True):
+                seen = _answers(mesh, combined(*own, poisson_ratio=nu), bases, load, stations)
+                table[np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
     return tables.reshape(len(poisson_ratios), 3 * len(places_mm), 3 * len(places_mm))
 
 
-def _of_one_symmetry(
-    mesh: GelMesh,
-    span: Span,
-    shares: Sequence[Share],
-    poisson_ratios: Sequence[float],
-    loads: Sequence[Floats],
-    stations: sparse.csr_array,
-) -> Iterator[tuple[int, Floats]]:
-    """Yield the number of a ratio and the displacement (3 S, 3 S) at the stations by a part of its loads.
-
-    One stiffness is held at a time, and none of another span.
-    """
-    ((shear, volume),) = stiffness_parts(mesh, [span])
-    for half, bases in shares:
-        own = (shear, volume) if half is None else (half.T @ shear @ half, half.T @ volume @ half)
-        for number, nu in enumerate(poisson_ratios):
-            matrix = combined(*own, poisson_ratio=nu)
-            yield number, _answers(mesh, matrix, bases, loads=loads[number], stations=stations)
-
-
 def _answers(
-    mesh: GelMesh,
-    matrix: sparse.csc_array,
-    bases: Sequence[sparse.csr_array],
-    *,
-    loads: Floats,
-    stations: sparse.csr_array,
+    mesh: GelMesh, matrix: sparse.csc_array, bases: Sequence[sparse.csr_array], loads: Floats, stations: Any
 ) -> Floats:
     """Return the displacement (3 S, 3 S) at the stations by the part of the loads in the bases (3 K N, n) of K."""
     total = np.zeros((3 * stations.shape[0], loads.shape[1]))

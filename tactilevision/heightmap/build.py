@@ -101,7 +101,7 @@ def subtract_background(method: CalibratedMethod, free: Sequence[Bytes]) -> Cali
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
     card = replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
-    return method.with_background(mean.added_to(method.current_background, method.kept_share), card)
+    return replace(method, background=mean.added_to(method.current_background, method.kept_share), card=card)
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:

@@ -18,7 +18,7 @@ from tactilevision.files.documents import parse_json
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture, Found, find_balls
+from tactilevision.photometric.ball_pictures import BallPicture, Found, search
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
@@ -54,9 +54,9 @@ def kept_light(
 def kept_balls(
     reference: Reference, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress
 ) -> Found:
-    """Return the balls as `find_balls` does: restored from the cache, else found and kept."""
+    """Return the balls as `search` does: restored from the cache, else found and kept."""
     key = mm_per_px, *_key(reference, pictures, ())
-    find = partial(find_balls, mm_per_px=mm_per_px, progress=progress)
+    find = partial(search, mm_per_px=mm_per_px, progress=progress)
     return kept_record("balls", key, make=lambda: find(ColourChange(reference), pictures))
 
 

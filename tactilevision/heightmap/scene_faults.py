@@ -141,11 +141,10 @@ def exchanged(before: Floats, now: Floats) -> str:
     """Return the exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
     if (plain := spread(now - before)) < MIN_CHANGE:
         return ""
-    found = {
-        (side, order): spread(turn(now)[..., list(order)] - before)
-        for side, turn in SIDES.items()
-        for order in permutations(range(3))
-    }
+    found = {}
+    for side, turn in SIDES.items():
+        for order in permutations(range(3)):
+            found[side, order] = spread(turn(now)[..., list(order)] - before)
     best = min(found, key=lambda key: found[key])
     if found[best] > BETTER * plain:
         return ""

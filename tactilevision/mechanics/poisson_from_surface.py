@@ -154,7 +154,7 @@ class SurfaceFitSettings:
 
     `guard_mm` on either side of the punch's edge is excluded; the profile is used to `reach` thicknesses beyond
     it. `gain_std` is the standard deviation of the map's gain, `bowl_std_per_mm` that of the zero plane's
-    curvature.
+    curvature. `start`: values of an earlier fit that is near, from which few steps remain.
     """
 
     block_mm: float = 1.0
@@ -162,6 +162,7 @@ class SurfaceFitSettings:
     reach: float = 2.2
     gain_std: float = 0.05
     bowl_std_per_mm: float = 0.0
+    start: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,11 +290,8 @@ def fit_poisson_ratio(
     thickness_std_mm: float = 0.0,
     model: ProfileModel | None = None,
     settings: SurfaceFitSettings | None = None,
-    start: SurfaceFit | None = None,
 ) -> SurfaceFit:
     """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
-
-    `start`: an earlier fit that is near, which takes fewer steps.
 
     The default model is the table of finite elements for gels in its range, else linear theory. Views outside the
     model's range (of depth or a/h) are excluded and named. Raises InputError if no view shows both the face and
@@ -304,21 +302,17 @@ def fit_poisson_ratio(
         raise InputError("the gel's thickness must be above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
     thickness = (thickness_mm, thickness_std_mm)
     if model is not None:
-        return _fit(views, thickness, model, settings, start)
+        return _fit(views, thickness, model, settings)
     low, high = TABULATED.a_over_h_range
     if all(low <= view.radius_mm / thickness_mm <= high for view in views):
-        fit = _fit(views, thickness, TABULATED, settings, start)
+        fit = _fit(views, thickness, TABULATED, settings)
         if fit.values[0] > TABULATED.poisson_range[0] + AT_BOUND:
             return fit
-    return _fit(views, thickness, LINEAR, settings, start)
+    return _fit(views, thickness, LINEAR, settings)
 
 
 def _fit(
-    views: Sequence[SurfaceView],
-    thickness: tuple[float, float],
-    model: ProfileModel,
-    settings: SurfaceFitSettings,
-    start: SurfaceFit | None,
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
 ) -> SurfaceFit:
     presses = _presses(views, thickness[0], model, settings)
     if not presses:
@@ -332,7 +326,7 @@ def _fit(
     shape = [std for _, std in model.shape_error]
     std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])
     fit = _Fit(presses, thickness[0], np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))]), std, model)
-    rough = fit.solved(start.values if start is not None and len(start.values) == len(std) else fit.prior)
+    rough = fit.solved(np.array(settings.start) if settings.start else fit.prior)
     fit = replace(fit, presses=_presses(_centred(fit, rough), thickness[0], model, settings))
     blocks = [press.blocks for press in fit.presses]
     misfits = [

@@ -15,8 +15,8 @@ from tactilevision.photometric.ball_pictures import (
     BallPicture,
     Found,
     check_count,
-    find_balls,
     pressed_balls,
+    search,
 )
 from tactilevision.photometric.ball_samples import Samples, far_from, slope_observability, with_same_colours
 from tactilevision.photometric.card import MethodCard
@@ -59,10 +59,10 @@ def calibrate_from_balls(
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
     Assumes that inside the contact circle the gel has the ball's shape. `found`: the balls, where they were found
-    before. `progress` hears of each pass. Raises InputError as `find_balls`.
+    before. `progress` hears of each pass. Raises InputError as `search`.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
-    alone, seen = found or find_balls(change, pictures, mm_per_px=mm_per_px, progress=progress)
+    alone, seen = found or search(change, pictures, mm_per_px=mm_per_px, progress=progress)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:

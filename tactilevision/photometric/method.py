@@ -234,12 +234,6 @@ class CalibratedMethod:
         if self.tiled_evaluator:
             self.tiled_evaluator.follow(rgb_rectified, share)
 
-    def with_background(self, background: Picture, card: MethodCard) -> CalibratedMethod:
-        """Return the method with another background (3, h, w), and its card."""
-        found = replace(self, background=background, card=card)
-        found.noise_bias = self.noise_bias  # of the same law and reference
-        return found
-
     def noted(self, **changes: Any) -> CalibratedMethod:
         """Return a copy with another `card` (of the same response), `light_law` or `walls`.
 

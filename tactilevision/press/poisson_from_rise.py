@@ -216,15 +216,11 @@ class PressSlopes:
 
 
 def fit_nu(
-    recording: Recording,
-    reconstructor: Reconstructor,
-    *,
-    views: Sequence[SurfaceView],
-    start: SurfaceFit | None = None,
+    recording: Recording, reconstructor: Reconstructor, views: Sequence[SurfaceView], start: tuple[float, ...] = ()
 ) -> SurfaceFit | None:
     """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them.
 
-    `start`: a fit to other gel around the same presses.
+    `start`: values of a fit to other gel around the same presses.
     """
     gel = recording.sensor.gel
     if gel is None or not views:
@@ -233,14 +229,11 @@ def fit_nu(
         guard_mm=GUARD * gel.thickness_mm,
         gain_std=ring_gain_std(reconstructor.method),
         bowl_std_per_mm=BOWL_STD_PER_MM,
+        start=start,
     )
     try:
         return fit_poisson_ratio(
-            views,
-            thickness_mm=gel.thickness_mm,
-            thickness_std_mm=gel.thickness_std_mm,
-            settings=settings,
-            start=start,
+            views, thickness_mm=gel.thickness_mm, thickness_std_mm=gel.thickness_std_mm, settings=settings
         )
     except InputError:  # no view that the profiles reach
         return None
@@ -270,7 +263,7 @@ def _nu_beyond(
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return nu from gel farther than `reach` depths from the edges, and the presses that were not used."""
 
-    def fitted(depths: float, start: SurfaceFit | None = None) -> SurfaceFit | None:
+    def fitted(depths: float, start: tuple[float, ...] = ()) -> SurfaceFit | None:
         return fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses], start=start)
 
     fit = fitted(reach)
@@ -280,7 +273,7 @@ def _nu_beyond(
     nu, unused = fit.poisson_ratio, fit.left_out
     if nu.value is None or nu.std is None:
         return nu, unused
-    others = [fitted(depths, fit) for depths in (reach - reach_std, reach + reach_std)]
+    others = [fitted(depths, tuple(fit.values)) for depths in (reach - reach_std, reach + reach_std)]
     values = [float(other.values[0]) for other in others if other is not None]
     change = 0.5 * float(np.ptp(values)) if len(values) == 2 else float(np.ptp([nu.value, *values]))
     return _widened(nu, change), unused
