@@ -192,10 +192,8 @@ def _stress_waves(
     across = [[o, 1j * lt, o], [1j * lt, o, tz], [o, tz, o]]
     normal = [[p[0], o, 1j * p[3]], [o, p[1], o], [1j * p[3], o, p[2]]]
     turn = np.array([[c, -s, o], [s, c, o], [o, o, np.ones_like(k)]])
-    turned = np.einsum(
-        "la...,im...,jn...,amn...->lij...", turn, turn, turn, np.array([along, across, normal]), optimize="greedy"
-    )
-    return np.asarray(turned)
+    stress = np.array([along, across, normal])
+    return np.asarray(np.einsum("la...,im...,jn...,amn...->lij...", turn, turn, turn, stress, optimize=True))
 
 
 def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:

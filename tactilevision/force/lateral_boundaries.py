@@ -141,8 +141,7 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
                 for turn, (x, y) in zip(turns, mirrors, strict=True)
             ]
             entries = np.repeat(np.array(signs, np.float64), first.size), (partners[:, first].ravel(), columns)
-            basis = sparse.csc_array(sparse.coo_array(entries, shape=(len(places), first.size)))
-            faces.append(sparse.csr_array(_normalised(basis)))
+            faces.append(sparse.csr_array(_normalised(sparse.csc_array(entries, shape=(len(places), first.size)))))
         yield Span(levels, faces)
 
 
@@ -159,7 +158,8 @@ def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
     places, twin = mesh.face.doflocs.T, False
     off, partners = cKDTree(places).query(places[:, ::-1])
     if np.max(off) > MICRO * np.ptp(places):
-        yield from ((span, [(None, [span.basis])]) for span in symmetric_parts(mesh))
+        for span in symmetric_parts(mesh):
+            yield span, [(None, [span.basis])]
         return
     images = mesh.numbers[[1, 0, 2]][:, :, partners].ravel()
     mirror = sparse.csr_array((np.ones(images.size), (mesh.numbers.ravel(), images)))

@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap import ball_validation, reference_match, reference_view, scene_faults
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
-from tactilevision.heightmap.kept_light import kept_balls, kept_light
+from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, FRAMES_READ, ReferenceMatch
 from tactilevision.heightmap.reference_view import Registered
@@ -392,9 +392,8 @@ def _built(
 
     def calibrated() -> Reconstructor:
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
-        how: Any = {"mm_per_px": sensor.mm_per_px, "progress": progress}
-        balls = kept_balls(reference, pictures, **how)  # of another fit, too
-        calibration = calibrate_from_balls(reference, pictures, fit=fit, found=balls, **how)
+        how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
+        calibration = calibrate_from_balls(reference, pictures, **how)
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -13,19 +12,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.files.cache import kept, kept_record
+from tactilevision.files.cache import kept
 from tactilevision.files.documents import parse_json
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture, Found, search
+from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.protocols import Progress
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.storage import pack_method, unpack_method
-from tactilevision.records.measured import Bytes, Pair
+from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Sensor
 
 ABOUT = "calibration.json"  # name of the file with balls, errors and warnings
@@ -46,29 +43,16 @@ def kept_light(
     `fit` is the method's name; `pictures` and the `free` frames (H, W, 3) are rectified. The first use is restored
     from the same bytes as every later one.
     """
-    seen_by = replace(sensor, rectification=None)  # the pictures are rectified
-    key = fit, repr(seen_by), *_key(reference, pictures, free)
-    return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
-
-
-def kept_balls(
-    reference: Reference, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress
-) -> Found:
-    """Return the balls as `search` does: restored from the cache, else found and kept."""
-    key = mm_per_px, *_key(reference, pictures, ())
-    find = partial(search, mm_per_px=mm_per_px, progress=progress)
-    return kept_record("balls", key, make=lambda: find(ColourChange(reference), pictures))
-
-
-def _key(reference: Reference, pictures: Sequence[BallPicture], free: Sequence[Bytes]) -> tuple[object, ...]:
     digest = sha256()
     seen: list[npt.NDArray[Any]] = [reference.rgb, *(picture.rgb for picture in pictures), *free]
     for rgb in seen:
         digest.update(repr((rgb.shape, rgb.dtype)).encode())
         digest.update(rgb.tobytes())
     balls = [(one.radius_mm, one.centre_px, one.contact_radius_px, one.name) for one in pictures]
+    seen_by = replace(sensor, rectification=None)  # the pictures are rectified
     libraries = np.__version__, cv2.__version__  # which may round otherwise
-    return libraries, reference.noise_grey, reference.marks is None, balls, digest.hexdigest()
+    key = libraries, fit, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
+    return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
 
 
 def _packed(made: Reconstructor) -> dict[str, bytes]:

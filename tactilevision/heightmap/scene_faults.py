@@ -214,8 +214,7 @@ def _gamma(before: Floats, change: Floats) -> str:
     if mad_std(x) < GAMMA_SPREAD:
         return ""
     runs, rises = np.subtract.outer(x, x), np.subtract.outer(y, y)
-    later = runs > 0
-    slope = float(np.median(rises[later] / runs[later]))  # Theil-Sen estimator
+    slope = float(np.median(rises[runs > 0] / runs[runs > 0]))  # Theil-Sen estimator
     if abs(slope) < GAMMA_CHANGE:
         return ""
     from scipy.stats import theilslopes  # for its interval: the import takes a second

@@ -347,10 +347,8 @@ def contact_in_reference(change: ColourChange, pictures: Sequence[Bytes]) -> Pai
     _, patches, sizes, _ = cv2.connectedComponentsWithStats(place.astype(np.uint8))
     for patch in 1 + np.argsort(-sizes[1:, cv2.CC_STAT_AREA], kind="stable"):
         rows, columns = np.nonzero(patches == patch)
-        means = [
-            [cv2.resize(plane, tracker.size, interpolation=cv2.INTER_AREA) for plane in one.changes]
-            for one in seen
-        ]
+        shrunk = partial(cv2.resize, dsize=tracker.size, interpolation=cv2.INTER_AREA)
+        means = [[shrunk(plane) for plane in one.changes] for one in seen]
         if _relative_scatter(np.array(means)[:, :, rows, columns]) <= MAX_SCATTER:
             block = change.reference.shape[1] / tracker.size[0]
             return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))

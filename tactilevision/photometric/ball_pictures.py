@@ -232,18 +232,6 @@ class BallSearch:
         return find
 
 
-Found = tuple[FoundBalls, FoundBalls]  # each ball found alone, and all with refined circles
-
-
-def search(
-    change: ColourChange, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress = silent
-) -> Found:
-    """Return the balls of all pictures. Raises InputError for fewer than MIN_BALLS, with the faults of others."""
-    each = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
-    alone = each.collect()
-    return alone, each.refine(alone)
-
-
 def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> float:
     """Return the median change of centres, or radii, from those `before`."""
     moved = [

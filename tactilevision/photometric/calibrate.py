@@ -10,14 +10,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import (
-    MIN_BALLS,
-    BallPicture,
-    Found,
-    check_count,
-    pressed_balls,
-    search,
-)
+from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
 from tactilevision.photometric.ball_samples import Samples, far_from, slope_observability, with_same_colours
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
@@ -53,16 +46,17 @@ def calibrate_from_balls(
     *,
     mm_per_px: Pair,
     fit: Fitter,
-    found: Found | None = None,
     progress: Progress = silent,
 ) -> Calibration:
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. `found`: the balls, where they were found
-    before. `progress` hears of each pass. Raises InputError as `search`.
+    Assumes that inside the contact circle the gel has the ball's shape. `progress` hears of each pass. Raises
+    InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
-    alone, seen = found or search(change, pictures, mm_per_px=mm_per_px, progress=progress)
+    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
+    alone = search.collect()
+    seen = search.refine(alone)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:

@@ -118,8 +118,7 @@ def fit_polynomial(
     terms = TERMS[order >= ORDERS]
     equations, target, scale = _equations(contact, untouched_samples, simulated, share, order)
     of_place = np.array([sum(POWERS[m]) for m in terms[:, 1]])
-    normal = equations.copy()
-    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * of_place + FOURTH * (ORDERS[order >= ORDERS] == 4)
+    normal = equations + np.diag(1e-6 + ridge * of_place + FOURTH * (ORDERS[order >= ORDERS] == 4))
     solution = np.linalg.solve(normal, target) / scale
     coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
     coefficients[:, terms[:, 0], terms[:, 1]] = solution.T
