@@ -26,11 +26,9 @@ from calibration.result.result import CalibrationResult, unfixed_as_json
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.compare import Comparison, compare
 from calibration.tasks.diagnose import diagnose
-from calibration.tasks.validate import Validation, middle_material, validate
 from tactilevision.cluster.pool import cluster_pool, step_pool
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
 from tactilevision.files.cache import kept_record
-from tactilevision.force.calibrated import read_material
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Certificate, event_map
@@ -46,6 +44,7 @@ from tactilevision.records.measured import Estimate
 
 if TYPE_CHECKING:
     from calibration.report.drawing import ResidualMap
+    from calibration.tasks.validate import Validation
 
 Given: TypeAlias = "Source | CertifiedRecording"
 DEFAULT_LAW = "default"  # the only law that uses Poisson's ratio from the rise
@@ -287,6 +286,9 @@ def validate_recording(
     The material is that of the file `calibration`, of calibration.json in the recording's folder, or else
     calibrated now; where the data leave nu open, the middle of its interval is taken, with a warning.
     """
+    from calibration.tasks.validate import middle_material, validate  # with finite elements, which take a while
+    from tactilevision.force.calibrated import read_material
+
     heard = listener or Collected()
     one = certify_recordings(recording, listener=heard)[0]
     data, stored = observe([one.measured]), one.recording.path / "calibration.json"

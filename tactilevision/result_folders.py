@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.effects import get_effect, written
@@ -32,7 +32,6 @@ from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Comparison, as_comparison
 from calibration.tasks.passport import Passport, check_sources, entry_of, passport_of, source_of, stored_entry
 from calibration.tasks.session import HISTORY, History, Step, load_history, steps_of_comparison
-from calibration.tasks.validate import Validation, as_json
 from tactilevision.batch.tree import find_recordings
 from tactilevision.errors import InputError
 from tactilevision.files.ledger import folder_digest, read_ledger, write_ledger
@@ -53,6 +52,9 @@ from tactilevision.plots.validation import Panel, Series, draw_validation
 from tactilevision.recording import layout
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
+
+if TYPE_CHECKING:
+    from calibration.tasks.validate import Validation
 
 CALIBRATION = "calibration.json"
 
@@ -442,6 +444,8 @@ def write_passport(
 
 def write_validation(found: Validation, out: Path, form: str) -> dict[str, Any]:
     """Write validation.json and a figure of depths and one of forces; return the content."""
+    from calibration.tasks.validate import as_json  # with finite elements, which take a while
+
     content = as_json(found)
     with staged(out) as stage:
         write_json(stage / "validation.json", content)

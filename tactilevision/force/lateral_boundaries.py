@@ -142,11 +142,46 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
                 for turn, (x, y) in zip(turns, mirrors, strict=True)
             ]
             entries = np.repeat(np.array(signs, np.float64), first.size), (partners[:, first].ravel(), columns)
-            basis = sparse.csc_array(sparse.coo_array(entries, shape=(len(places), first.size)))
-            length = sparse.linalg.norm(basis, axis=0)
-            some = length > 0  # those that do not cancel on an axis
-            faces.append(sparse.csr_array(basis[:, some] @ sparse.diags_array(1 / length[some])))
+            faces.append(sparse.csr_array(_normalised(sparse.csc_array(entries, shape=(len(places), first.size)))))
         yield Span(levels, faces)
+
+
+# Combinations (n, m) of a span, None for all, and displacements (3 K N, m).
+Share = tuple[sparse.csc_array | None, list[sparse.csr_array]]
+
+
+def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
+    """Yield spans of all that is not fixed, each with combinations of it that K does not mix.
+
+    Of each, all the displacements on which K is that of the combination: a gel may be its own mirror image on
+    the diagonal, which turns one span into another, or halves it.
+    """
+    places, twin = mesh.face.doflocs.T, False
+    off, partners = cKDTree(places).query(places[:, ::-1])
+    if np.max(off) > MICRO * np.ptp(places):
+        for span in symmetric_parts(mesh):
+            yield span, [(None, [span.basis])]
+        return
+    images = mesh.numbers[[1, 0, 2]][:, :, partners].ravel()
+    mirror = sparse.csr_array((np.ones(images.size), (mesh.numbers.ravel(), images)))
+    for span in symmetric_parts(mesh):
+        basis = span.basis
+        image = sparse.csc_array(basis.T @ mirror @ basis).rint()  # 1 or -1 for each, or 0 in all
+        image.eliminate_zeros()
+        if image.nnz:
+            first = np.unique(np.minimum(image.indices, np.arange(image.shape[1])))
+            every = sparse.eye_array(len(image.indices), format="csc")
+            halves = [sparse.csc_array(every + sign * image)[:, first] for sign in (1, -1)]
+            yield span, [(half, [basis @ half]) for half in map(_normalised, halves)]
+        elif not twin:
+            twin = True  # the next such span is its image
+            yield span, [(None, [basis, mirror @ basis])]
+
+
+def _normalised(basis: sparse.csc_array) -> sparse.csc_array:
+    """Return the columns at length 1, without those that are 0, as they cancel on an axis."""
+    length = sparse.linalg.norm(basis, axis=0)
+    return sparse.csc_array(basis[:, length > 0] @ sparse.diags_array(1 / length[length > 0]))
 
 
 def _integrals(basis: skfem.Basis, axes: tuple[int, ...], degree: int | None) -> Blocks:
@@ -378,39 +413,34 @@ def solve_sides(
         )
         for nu in poisson_ratios
     ]
-    for span in symmetric_parts(mesh):
-        for table, seen in zip(tables, _of_one_symmetry(mesh, span, poisson_ratios, loads, stations), strict=True):
-            table[np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
+    for span, shares in unmixed_parts(mesh):
+        ((shear, volume),) = stiffness_parts(mesh, [span])
+        for half, bases in shares:
+            own = (shear, volume) if half is None else (half.T @ shear @ half, half.T @ volume @ half)
+            for table, nu, load in zip(tables, poisson_ratios, loads, strict=True):
+                seen = _answers(mesh, combined(*own, poisson_ratio=nu), bases, load, stations)
+                table[np.ix_(index, three, index, three)] += np.reshape(seen, (len(index), 3, len(index), 3))
     return tables.reshape(len(poisson_ratios), 3 * len(places_mm), 3 * len(places_mm))
 
 
-def _of_one_symmetry(
-    mesh: GelMesh,
-    span: Span,
-    poisson_ratios: Sequence[float],
-    loads: Sequence[Floats],
-    stations: sparse.csr_array,
-) -> Iterator[Floats]:
-    """Yield, for each ratio, the displacement (3 S, 3 S) at the stations by the part of its loads in `span`.
-
-    One stiffness is held at a time, and none of another span.
-    """
-    basis, ((shear, volume),) = span.basis, stiffness_parts(mesh, [span])
-    on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
-    loaded = np.flatnonzero(np.diff(on_wall.indptr))
-    for nu, load in zip(poisson_ratios, loads, strict=True):
-        shapes, sizes, mix = np.linalg.svd(-(on_wall[loaded] @ load), full_matrices=False)
-        rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-        right = np.zeros((basis.shape[1], rank))
-        right[loaded] = shapes[:, :rank]
-        solved = splu(
-            combined(shear, volume, poisson_ratio=nu),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        ).solve(right)
-        answers = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
-        yield np.asarray(answers.reshape(-1, rank) @ (sizes[:rank, None] * mix[:rank]))
+def _answers(
+    mesh: GelMesh, matrix: sparse.csc_array, bases: Sequence[sparse.csr_array], loads: Floats, stations: Any
+) -> Floats:
+    """Return the displacement (3 S, 3 S) at the stations by the part of the loads in the bases (3 K N, n) of K."""
+    total = np.zeros((3 * stations.shape[0], loads.shape[1]))
+    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    for basis in bases:
+        on_wall = sparse.csr_array(basis[mesh.free[:, :, mesh.wall].ravel()].T)
+        loaded = np.flatnonzero(np.diff(on_wall.indptr))
+        load = -(on_wall[loaded] @ loads)
+        squares, shapes = np.linalg.eigh(load @ load.T)
+        shapes = shapes[:, squares > RANK_TOLERANCE**2 * squares[-1]]
+        right = np.zeros((basis.shape[1], shapes.shape[1]))
+        right[loaded] = shapes
+        solved = factor.solve(right)
+        seen = np.stack([stations @ (basis[face] @ solved) for face in mesh.numbers[:, 0]], axis=1)
+        total += seen.reshape(-1, shapes.shape[1]) @ (shapes.T @ load)
+    return total
 
 
 def _element_mm(gel: Gel) -> float:
@@ -432,8 +462,8 @@ def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> Floats
     places, normals = (np.reshape(part, (2, -1)).T for part in (wall.global_coordinates(), wall.normals))
     offset = (places[:, None, :] - places_mm).reshape(-1, 2)
     total = np.zeros((3, levels.shape[1], len(nodes), len(places_mm), 3))
-    for level, share in enumerate(levels):
-        stress = field.at(level, offset).reshape(len(places), len(places_mm), 3, 3, 3)
+    for share, at_level in zip(levels, field.at(offset), strict=True):
+        stress = at_level.reshape(len(places), len(places_mm), 3, 3, 3)
         traction = np.einsum("qplij,qj->qipl", stress[..., :2], normals)
         force = np.einsum("qn,qipl->inpl", along, traction, optimize=True)
         used = np.flatnonzero(share)

@@ -166,7 +166,7 @@ def seen_gain_std(
 
 def _read_dent_mm(method: CalibratedMethod, rgb: Bytes, ball: Ball, mm_per_px: Pair) -> Pair:
     """Return the dent that a method reads in a rectified picture (H, W, 3), and that of the ball, mm."""
-    slopes = method.slopes(rgb)
+    slopes = method.read(rgb).slopes
     return dent_mm(integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px), ball, mm_per_px=mm_per_px)
 
 

@@ -177,7 +177,7 @@ def tuned(
         settled = settled.noted(card=untouched_around_balls(sensor, calibration, card, pictures))
     else:
         reader = Reconstructor(sensor, settled)
-        flat = [one.depth_mm for one in map(reader.sound_map, renewing) if one]
+        flat = [one.depth_mm for one in map(reader.sound_surface, renewing) if one]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = settled.noted(card=replace(settled.card, untouched_std_mm=std_mm))
     progress(0, 1, "usual light of the pictures")
@@ -185,7 +185,7 @@ def tuned(
     settled = settled.noted(light_law=light)
     reader = Reconstructor(sensor, settled)
     every = [*(picture.rgb for picture in pictures), *free]
-    usual = reference_match.baseline(lambda rgb: reader.read_rectified(rgb).residuals, every)
+    usual = reference_match.baseline(lambda rgb: reader.surface(rgb).residuals, every)
     terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
     settled = settled.noted(card=replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
@@ -218,11 +218,11 @@ def untouched_around_balls(
         law = method.law if held is None else held.law
         if id(law) not in readers:
             readers[id(law)] = Reconstructor(sensor, replace(method, law=law))
-        height = readers[id(law)].sound_map(picture.rgb)
-        if height is None:
+        surface = readers[id(law)].sound_surface(picture.rgb)
+        if surface is None:
             continue
-        away = far_from(ball, height.depth_mm.shape, mm_per_px=sensor.mm_per_px) & height.valid
-        square = np.where(away, np.square(height.depth_mm), 0.0)
+        away = far_from(ball, surface.depth_mm.shape, mm_per_px=sensor.mm_per_px) & surface.reading.valid
+        square = np.where(away, np.square(surface.depth_mm), 0.0)
         sums += [block_means(square, size), block_means(away, size)]
         if away.any():
             found.append(float(np.sqrt(square.sum() / np.count_nonzero(away))))

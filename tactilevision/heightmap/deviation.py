@@ -47,6 +47,12 @@ class Surface:
     walls: Sequence[PunchEdge]
     reading: SlopeReading
 
+    @property
+    def residuals(self) -> Pair:
+        """Return misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
+        frame = self.reading.frame
+        return (frame.drift.misfit if frame else 0.0), self.zero.std_mm
+
 
 class DepthError:
     """Standard deviation of the depths by one method; quantities of the place alone are computed once.

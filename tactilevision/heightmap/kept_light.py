@@ -66,7 +66,7 @@ def _packed(made: Reconstructor) -> dict[str, bytes]:
         "calibration_warnings": calibration.warnings,
         "warnings": made.warnings,
     }
-    return {f"method{suffix}": content for suffix, content in pack_method(method).items()} | {
+    return {f"method{suffix}": content for suffix, content in pack_method(method, small=False).items()} | {
         ABOUT: as_json(about).encode()
     }
 

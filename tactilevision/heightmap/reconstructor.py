@@ -66,12 +66,6 @@ class Reading:
         """Return the walls of flat faces that were restored."""
         return self.surface.walls
 
-    @property
-    def residuals(self) -> Pair:
-        """Return misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
-        frame = self.surface.reading.frame
-        return (frame.drift.misfit if frame else 0.0), self.zero.std_mm
-
     def terms_mm(self) -> dict[str, Picture]:
         """Return the deviation (h, w) mm by term (heightmap/deviation.py), on a grid of every nth pixel.
 
@@ -227,10 +221,15 @@ class Reconstructor:
         Raises as height_map does.
         """
         rgb, scale = self.rectified(frame), self.sensor.mm_per_px
-        surface = self._surface(rgb)
-        self._check_whole(surface, frame.name)
+        surface = self.surface(rgb, frame.name)
         depth = HeightMap(surface.depth_mm, surface.reading.valid, scale, None, frame.time_s, frame.name)
         return depth, rgb, lambda: self._reading(surface, frame.time_s, frame.name).height
+
+    def surface(self, rgb: Bytes, name: str = "") -> Surface:
+        """Return the surface of a rectified picture, without deviation and flags. Raises as height_map does."""
+        surface = self._surface(rgb)
+        self._check_whole(surface, name)
+        return surface
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
@@ -303,6 +302,12 @@ class Reconstructor:
             remedy = "Exclude the frame, or correct thickness_mm."
             raise InputError(what, where=name or "frame", remedy=remedy)
 
+    def sound_surface(self, rgb: Bytes) -> Surface | None:
+        """Return the surface of a rectified picture; None for one that is rejected."""
+        with suppress(InputError):
+            return self.surface(rgb)
+        return None
+
     def sound_map(self, rgb: Bytes) -> HeightMap | None:
         """Return the height map of a rectified picture; None for one that is rejected."""
         with suppress(InputError):
@@ -335,7 +340,7 @@ class Reconstructor:
         if self.match is None:
             return self
         frames = [as_frame(one) for one in pictures]
-        frames = [frame for frame in frames if self.sound_map(frame.rgb)] or frames
+        frames = [frame for frame in frames if self.sound_surface(frame.rgb)] or frames
         pixels = [frame.rgb for frame in frames]
         before = self.calibration.method.reference if self.calibration else None
         match, scene = self.match.with_scene(frames, before=before)

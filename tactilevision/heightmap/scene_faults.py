@@ -139,13 +139,14 @@ def log_blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
 
 def exchanged(before: Floats, now: Floats) -> str:
     """Return the exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
+    if (plain := spread(now - before)) < MIN_CHANGE:
+        return ""
     found = {}
     for side, turn in SIDES.items():
         for order in permutations(range(3)):
             found[side, order] = spread(turn(now)[..., list(order)] - before)
     best = min(found, key=lambda key: found[key])
-    plain = found["", (0, 1, 2)]
-    if plain < MIN_CHANGE or found[best] > BETTER * plain:
+    if found[best] > BETTER * plain:
         return ""
     side, order = best
     swapped = "" if order == (0, 1, 2) else "have red and blue swapped (BGR for RGB)"
@@ -248,6 +249,8 @@ def _mark(reference: Array, pictures: Sequence[Bytes], names: Sequence[str]) -> 
 
     A contact makes some channels brighter and others darker; a mark changes all equally.
     """
+    if len(pictures) < MIN_FRAMES:
+        return ""
     before = log_blocks(reference, FINE_BLOCKS)
     changes = [log_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
     detail = np.stack([change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH) for change in changes])

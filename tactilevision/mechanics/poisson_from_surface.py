@@ -154,7 +154,7 @@ class SurfaceFitSettings:
 
     `guard_mm` on either side of the punch's edge is excluded; the profile is used to `reach` thicknesses beyond
     it. `gain_std` is the standard deviation of the map's gain, `bowl_std_per_mm` that of the zero plane's
-    curvature.
+    curvature. `start`: values of an earlier fit that is near, from which few steps remain.
     """
 
     block_mm: float = 1.0
@@ -162,6 +162,7 @@ class SurfaceFitSettings:
     reach: float = 2.2
     gain_std: float = 0.05
     bowl_std_per_mm: float = 0.0
+    start: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,7 +326,7 @@ def _fit(
     shape = [std for _, std in model.shape_error]
     std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])
     fit = _Fit(presses, thickness[0], np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))]), std, model)
-    rough = fit.solved(fit.prior)
+    rough = fit.solved(np.array(settings.start) if settings.start else fit.prior)
     fit = replace(fit, presses=_presses(_centred(fit, rough), thickness[0], model, settings))
     blocks = [press.blocks for press in fit.presses]
     misfits = [

@@ -14,7 +14,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.ball_samples import Observability
-from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.colour_change import ColourChange, FrameChange
 from tactilevision.photometric.cross_validation import FOLDS, SLOPE_SOFTENING, BallFit, beyond_others, gains_of
 from tactilevision.photometric.drift import solid
 from tactilevision.records.constants import TINY
@@ -334,23 +334,22 @@ def pressed_reference(
 
 def contact_in_reference(change: ColourChange, pictures: Sequence[Bytes]) -> Pair | None:
     """Return where (x, y in px) the reference of `change` shows a contact, by ball `pictures` (H, W, 3)."""
-    from skimage.measure import label, regionprops
-
-    tracker = change.tracker
-    changes, touched = [], []
+    tracker, seen = change.tracker, list[FrameChange]()
     for rgb in pictures:
         with suppress(InputError):
-            seen, drift, _ = change.measure(rgb)
-            changes.append([cv2.resize(one, tracker.size, interpolation=cv2.INTER_AREA) for one in seen])
-            touched.append(~drift.untouched)
-    if len(changes) < MIN_PICTURES:
+            seen.append(change.take(rgb))
+    if len(seen) < MIN_PICTURES:
         return None
+    touched = [~one.drift.untouched for one in seen]
     usable = tracker.usable.reshape(touched[0].shape)
     place = solid((np.mean(touched, axis=0) > CHANGED_SHARE) & usable)
     place &= np.pad(np.ones(np.subtract(place.shape, 2), bool), 1)  # light and gel change at the border first
-    for patch in sorted(regionprops(label(place)), key=lambda region: -region.area):
-        rows, columns = patch.coords.T
-        if _relative_scatter(np.array(changes)[:, :, rows, columns]) <= MAX_SCATTER:
+    _, patches, sizes, _ = cv2.connectedComponentsWithStats(place.astype(np.uint8))
+    for patch in 1 + np.argsort(-sizes[1:, cv2.CC_STAT_AREA], kind="stable"):
+        rows, columns = np.nonzero(patches == patch)
+        shrunk = partial(cv2.resize, dsize=tracker.size, interpolation=cv2.INTER_AREA)
+        means = [[shrunk(plane) for plane in one.changes] for one in seen]
+        if _relative_scatter(np.array(means)[:, :, rows, columns]) <= MAX_SCATTER:
             block = change.reference.shape[1] / tracker.size[0]
             return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
     return None

@@ -362,6 +362,7 @@ def patch_error(slopes: Floats, samples: Samples) -> float:
     return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
+@lru_cache(maxsize=KEPT)
 def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the number (N,) of the patch of each sample, and the number of samples in each patch."""
     steepness = np.hypot(*samples.slopes.T)

@@ -132,14 +132,21 @@ class CalibratedMethod:
             background = background_over(self.background, self.reference.shape)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.maps.mean))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
-        self.noise_bias = noise_bias(self.evaluate, self.change.noise)
-        self.bias: Picture = np.stack(
-            [(q + r) * self.kept_share for q, r in zip(background[:2], self.noise_bias, strict=True)]
-        )
+        self._mean_bias = background[:2]
         self.noise: Picture = background[2] * self.kept_share
         self.readable: Bools = self.reference.usable & (self.kept_share > 0.5)
         kept_share = cv2.resize(self.kept_share, self.change.tracker.size, interpolation=cv2.INTER_AREA)
         self.trusted_blocks: Bools = np.asarray(kept_share > 0.95)
+
+    @cached_property
+    def noise_bias(self) -> tuple[Picture, Picture]:
+        """Return the part of the bias by noise."""
+        return noise_bias(self.evaluate, self.change.noise)
+
+    @cached_property
+    def bias(self) -> Picture:
+        """Return what is subtracted from slopes, (2, H, W)."""
+        return np.stack([(q + r) * self.kept_share for q, r in zip(self._mean_bias, self.noise_bias, strict=True)])
 
     @property
     def current_background(self) -> Picture:
@@ -186,7 +193,8 @@ class CalibratedMethod:
         """
         rows, columns = window
         slopes: Picture = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        steepest, reader, missing = 0.0, self.two_colour_reader, frame.missing
+        steepest, missing = 0.0, frame.missing
+        reader = self.two_colour_reader if missing else None
         both = common(window, missing.window) if reader and missing else None
         for part in strips(window):
             change, out = frame.strip(part), slopes[:, part[0].start - rows.start : part[0].stop - rows.start]

@@ -156,7 +156,7 @@ class Reference:
     @property
     def dark_colour(self) -> int | None:
         """Number of the one colour that is dark on most of the gel (a lamp is off); None for none or several."""
-        dark = np.flatnonzero(np.median(self.rgb, axis=(0, 1)) < DARK)
+        dark = np.flatnonzero(np.array(medians(self.rgb)) < DARK)
         return int(dark[0]) if len(dark) == 1 else None
 
     @property
@@ -275,14 +275,19 @@ def round_outline_warning(reference: Reference, sensor: Sensor) -> tuple[str, ..
 
 def _check_lit(mean: Picture) -> None:
     """Raise InputError where less than two colours are above DARK on most of the gel."""
-    levels = np.median(mean, axis=(0, 1))
-    if np.count_nonzero(levels >= DARK) < 2:
+    levels = medians(mean)
+    if np.count_nonzero(np.array(levels) >= DARK) < 2:
         raise InputError(
             "the untouched gel is dark in two colours or more, and one alone does not determine slopes",
             where=layout.FLATS,
             value="grey of 255: " + ", ".join(f"{name} {x:.0f}" for name, x in zip(COLOURS, levels, strict=True)),
             remedy="Check the lights and the exposure. Of 16-bit pictures state the sensor's white_level.",
         )
+
+
+def medians(picture: Picture) -> list[float]:
+    """Return the median of each channel of a picture (H, W, 3), in its unit."""
+    return [float(np.median(plane)) for plane in cv2.split(picture)]
 
 
 def darkest_grey(noise_grey: tuple[float, float, float]) -> float:
@@ -314,9 +319,9 @@ def _check_agreement(stack: Picture, noise: tuple[float, float, float]) -> None:
     median = np.median(stack, axis=0)
     for index, flat in enumerate(stack):
         change = cv2.GaussianBlur(flat - median, (0, 0), 3)
-        change -= np.median(change, axis=(0, 1))
-        size = np.abs(change / np.asarray(noise, np.float32)).max(axis=2)
-        if (size > 5).mean() > 0.002:
+        change -= np.asarray(medians(change), np.float32)
+        size = [np.abs(plane / np.float32(std)) for plane, std in zip(cv2.split(change), noise, strict=True)]
+        if (np.maximum.reduce(size) > 5).mean() > 0.002:
             raise InputError(
                 "a flat frame shows a contact, or the light changed over part of it",
                 where=layout.FLATS,

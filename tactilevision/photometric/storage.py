@@ -88,8 +88,11 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
     return target
 
 
-def pack_method(method: CalibratedMethod) -> dict[str, bytes]:
-    """Return the files of a method by their endings, the card last: .npz, .onnx for a network, .json."""
+def pack_method(method: CalibratedMethod, *, small: bool = True) -> dict[str, bytes]:
+    """Return the files of a method by their endings, the card last: .npz, .onnx for a network, .json.
+
+    `small` takes longer.
+    """
     arrays = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
         "reference": method.reference.rgb,
         "noise_grey": np.asarray(method.reference.noise_grey),
@@ -105,7 +108,7 @@ def pack_method(method: CalibratedMethod) -> dict[str, bytes]:
         arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
     if method.walls is not None:
         arrays["walls"] = wall_numbers(method.walls)
-    numbers = pack_arrays(arrays, small=True)
+    numbers = pack_arrays(arrays, small=small)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
         "format": FORMAT,

@@ -299,7 +299,7 @@ def data_uri(path: Path | str, *, photograph: bool) -> str:
 
     packed = BytesIO()
     how: dict[str, Any] = (
-        {"quality": PHOTO_QUALITY} if photograph else {"lossless": True, "quality": 0, "method": 1}
+        {"quality": PHOTO_QUALITY, "method": 2} if photograph else {"lossless": True, "quality": 0, "method": 1}
     )
     with Image.open(path) as picture:
         picture.convert("RGB").save(packed, "webp", **how)

@@ -188,6 +188,7 @@ _MAX_OFFSETS = 20000  # offsets tried at most where the clocks have different or
 _AROUND_S = 0.6  # s about the correlation's offset in which parabolas are fitted; benchmarks.certificate
 _MIN_JUMP_S = 0.15  # s, smaller jumps are no jumps of a clock; tests.certificate.test_clock_alignment
 _MISFIT_RATIO = 9.0  # of mean squares, which no press of one clock reaches; tests.certificate.test_clock_alignment
+_AT_ONCE = 64  # offsets compared in one step: more need more memory
 _COVERED = 0.3  # share of the frames that must have force readings; benchmarks.certificate
 _SMOOTH_S = 0.045  # s, mean of the force: rounds corners by less than a frame; benchmarks.certificate
 _MIN_GAIN = 10.0  # of log likelihood, for a relaxing gel beyond the criterion of Schwarz; benchmarks.certificate
@@ -253,17 +254,18 @@ def _best_correlation(
     offsets: Floats, time: Floats, depth: Floats, force_time: Floats, force: Floats
 ) -> tuple[float, float]:
     best, top, sure = float(offsets[0]), -np.inf, 0.0
-    for offset in offsets:
-        moved = time + offset
+    for some in np.array_split(offsets, -(-offsets.size // _AT_ONCE)):
+        moved = time + some[:, None]
         seen = (moved >= force_time[0]) & (moved <= force_time[-1])
-        if seen.mean() < _COVERED:
-            continue
-        there = np.interp(moved[seen], force_time, force)
-        there, here = there - there.mean(), depth[seen] - depth[seen].mean()
-        size = float(np.sqrt((there**2).sum() * (here**2).sum()))
-        score = float((there * here).sum()) / size if size > 0 else -1.0
-        if score * np.sqrt(seen.mean()) > top:  # the better covered of two that fit alike
-            best, top, sure = float(offset), score * float(np.sqrt(seen.mean())), score
+        count, covered = np.maximum(seen.sum(axis=1, keepdims=True), 1), seen.mean(axis=1)
+        there, here = (np.where(seen, part, 0.0) for part in (np.interp(moved, force_time, force), depth))
+        there, here = (part - seen * (part.sum(axis=1, keepdims=True) / count) for part in (there, here))
+        size = np.sqrt((there**2).sum(axis=1) * (here**2).sum(axis=1))
+        score = np.where(size > 0, (there * here).sum(axis=1) / np.where(size > 0, size, 1.0), -1.0)
+        rank = np.where(covered < _COVERED, -np.inf, score * np.sqrt(covered))
+        k = int(rank.argmax())
+        if rank[k] > top:  # the better covered of two that fit alike
+            best, top, sure = float(some[k]), float(rank[k]), float(score[k])
     return best, sure
 
 

@@ -216,9 +216,12 @@ class PressSlopes:
 
 
 def fit_nu(
-    recording: Recording, reconstructor: Reconstructor, *, views: Sequence[SurfaceView]
+    recording: Recording, reconstructor: Reconstructor, views: Sequence[SurfaceView], start: tuple[float, ...] = ()
 ) -> SurfaceFit | None:
-    """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them."""
+    """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them.
+
+    `start`: values of a fit to other gel around the same presses.
+    """
     gel = recording.sensor.gel
     if gel is None or not views:
         return None
@@ -226,6 +229,7 @@ def fit_nu(
         guard_mm=GUARD * gel.thickness_mm,
         gain_std=ring_gain_std(reconstructor.method),
         bowl_std_per_mm=BOWL_STD_PER_MM,
+        start=start,
     )
     try:
         return fit_poisson_ratio(
@@ -258,18 +262,20 @@ def _nu_beyond(
     reach_std: float,
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return nu from gel farther than `reach` depths from the edges, and the presses that were not used."""
-    fits = [
-        fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses])
-        for depths in (reach, reach - reach_std, reach + reach_std)
-    ]
-    if fits[0] is None:
+
+    def fitted(depths: float, start: tuple[float, ...] = ()) -> SurfaceFit | None:
+        return fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses], start=start)
+
+    fit = fitted(reach)
+    if fit is None:
         why = f"no gel that the profiles reach is in view beyond {reach:.1f} depths of a punch's edge"
         return Estimate(None, None, None, "1", why), ()
-    nu, unused = fits[0].poisson_ratio, fits[0].left_out
+    nu, unused = fit.poisson_ratio, fit.left_out
     if nu.value is None or nu.std is None:
         return nu, unused
-    values = [float(fit.values[0]) for fit in fits if fit is not None]
-    change = 0.5 * float(np.ptp(values[1:])) if len(values) == len(fits) else float(np.ptp(values))
+    others = [fitted(depths, tuple(fit.values)) for depths in (reach - reach_std, reach + reach_std)]
+    values = [float(other.values[0]) for other in others if other is not None]
+    change = 0.5 * float(np.ptp(values)) if len(values) == 2 else float(np.ptp([nu.value, *values]))
     return _widened(nu, change), unused
 
 

@@ -93,7 +93,7 @@ def test_nu_is_as_uncertain_as_the_zone(tmp_path: Path, monkeypatch: pytest.Monk
     reader = cast(Reconstructor, Slopes(made))
     presses = press_slopes(record, reader, certificate=certified(made, record))
 
-    def fit(recording: object, reconstructor: object, *, views: list[SurfaceView]) -> Any:
+    def fit(recording: object, reconstructor: object, views: list[SurfaceView], start: object) -> Any:
         reach = (views[0].valid.sum() - nearest) / abs(nearest)  # fewer squares, the farther the zone reaches
         value = 0.47 + 0.5 * reach
         return SimpleNamespace(poisson_ratio=Estimate(value, 0.003, None, "1"), values=[value], left_out=())

@@ -257,7 +257,7 @@ def test_gel_that_slopes_beside_a_face_is_no_other_light(radius_mm: float, lengt
     assert found.match is not None
     seen = found.read_rectified(picture(*slopes, rng, gain=grain()))
     assert LIGHT not in seen.height.flags
-    misfit, std_mm = seen.residuals
+    misfit, std_mm = seen.surface.residuals
     usual_misfit, usual_std_mm = found.match.baseline
     assert misfit * std_mm > 15 * usual_misfit * usual_std_mm  # more than a lamp that was moved may leave
     elsewhere = ((-30.0, 14.0, 18.0), *LAMPS[1:])

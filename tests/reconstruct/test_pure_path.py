@@ -85,7 +85,7 @@ def test_one_that_follows_the_gel_leaves_the_other_as_it_is(reader: Reconstructo
 def test_a_reading_has_what_its_map_rests_on(reader: Reconstructor) -> None:
     seen = reader.read(Frame(frames()[2]))
     assert seen.slopes.dz_dx.shape == seen.height.depth_mm.shape
-    assert seen.residuals[1] == seen.zero.std_mm
+    assert seen.surface.residuals[1] == seen.zero.std_mm
     assert set(seen.terms_mm())
     assert list(seen.edges) == []
 

@@ -116,20 +116,10 @@ def fit_polynomial(
     have `share` of the weight.
     """
     terms = TERMS[order >= ORDERS]
-    resting = design(untouched_samples.change, untouched_samples.place, terms)
-    power, noise, target = _sums(contact, order)
-    if simulated is not None:
-        more = _sums(simulated, order)
-        power, noise, target = (
-            (1.0 - share) * a + share * b for a, b in zip((power, noise, target), more, strict=True)
-        )
-    scale = np.sqrt(np.diag(power)) + 1e-12
-    normal = _less_noise(power / np.outer(scale, scale), noise / np.outer(scale, scale))
-    resting /= scale
-    normal += (noise / np.outer(scale, scale) + resting.T @ resting / max(1, len(resting))) / AVERAGED
+    equations, target, scale = _equations(contact, untouched_samples, simulated, share, order)
     of_place = np.array([sum(POWERS[m]) for m in terms[:, 1]])
-    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * of_place + FOURTH * (ORDERS[order >= ORDERS] == 4)
-    solution = np.linalg.solve(normal, target / scale[:, None]) / scale[:, None]
+    normal = equations + np.diag(1e-6 + ridge * of_place + FOURTH * (ORDERS[order >= ORDERS] == 4))
+    solution = np.linalg.solve(normal, target) / scale
     coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
     coefficients[:, terms[:, 0], terms[:, 1]] = solution.T
     return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
@@ -141,20 +131,39 @@ def fit_fourth_order(contact: Samples, untouched_samples: Samples, *, ridge: flo
 
 
 @lru_cache(maxsize=KEPT)
+def _equations(
+    contact: Samples, untouched_samples: Samples, simulated: Samples | None, share: float, order: int
+) -> tuple[Floats, Floats, Floats]:
+    """Return the equations without a ridge, (K, K) and (K, 2), of coefficients times their `scale` (K, 1)."""
+    power, noise, target = _sums(contact, order)
+    if simulated is not None:
+        more = _sums(simulated, order)
+        power, noise, target = (
+            (1.0 - share) * a + share * b for a, b in zip((power, noise, target), more, strict=True)
+        )
+    scale = np.sqrt(np.diag(power)) + 1e-12
+    noise = noise / np.outer(scale, scale)
+    resting = design(untouched_samples.change, untouched_samples.place, TERMS[order >= ORDERS]) / scale
+    normal = _less_noise(power / np.outer(scale, scale), noise)
+    normal += (noise + resting.T @ resting / max(1, len(resting))) / AVERAGED
+    return normal, target / scale[:, None], scale[:, None]
+
+
+@lru_cache(maxsize=KEPT)
 def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
     """Return weighted means over samples: of design products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
-    root = np.sqrt(weights / weights.sum())[:, None]
+    root = np.sqrt(weights / weights.sum())
     terms = TERMS[order >= ORDERS]
-    weighted = design(samples.change, samples.place, terms) * root
+    weighted = _columns(_products(samples.change, terms) * root, samples.place, terms)
     noise = np.zeros((len(terms), len(terms)))
     if samples.noise is not None:
         rng = np.random.default_rng(0)  # fixed: a calibration does not change between runs
         error = samples.noise * rng.standard_normal(samples.noise.shape)
-        above, below = (design(samples.change + e, samples.place, terms) for e in (error, -error))
-        scatter = (above - below) * (0.5 * root)
+        above, below = (_products(samples.change + e, terms) for e in (error, -error))
+        scatter = _columns((above - below) * (0.5 * root), samples.place, terms)
         noise = scatter.T @ scatter
-    return weighted.T @ weighted, noise, weighted.T @ (samples.slopes * root)
+    return weighted.T @ weighted, noise, weighted.T @ (samples.slopes * root[:, None])
 
 
 def _less_noise(power: Floats, noise: Floats) -> Floats:
@@ -216,13 +225,21 @@ class PolynomialEvaluator(Evaluator):
 
 def design(change: Floats, place: Floats, terms: npt.NDArray[np.intp]) -> Floats:
     """Return the values (N, K) of `terms` (K, 2), dimensionless, of changes (N, 3) at places (N, 2), -1 to 1."""
+    return _columns(_products(change, terms), place, terms)
+
+
+def _products(change: Floats, terms: npt.NDArray[np.intp]) -> Floats:
+    """Return the products (P, N) of the colours' changes (N, 3), up to the last that `terms` have."""
     colours = np.ascontiguousarray(change.T)
-    products = {k: reduce(np.multiply, colours[list(PRODUCTS[k])]) for k in np.unique(terms[:, 0])}
+    return np.stack([reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS[: terms[-1, 0] + 1]])
+
+
+def _columns(products: Floats, place: Floats, terms: npt.NDArray[np.intp]) -> Floats:
     of_x, of_y = (
         list(accumulate([axis] * MAX_ORDER, np.multiply, initial=np.ones_like(axis))) for axis in place.T
     )
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
-    columns = np.empty((len(terms), len(change)), np.result_type(change, place))
+    columns = np.empty((len(terms), len(place)), np.result_type(products, place))
     for column, (k, m) in zip(columns, terms, strict=True):
         np.multiply(products[k], powers[m], out=column)
     return columns.T
