@@ -334,6 +334,8 @@ def pressed_reference(
 
 def contact_in_reference(change: ColourChange, pictures: Sequence[Bytes]) -> Pair | None:
     """Return where (x, y in px) the reference of `change` shows a contact, by ball `pictures` (H, W, 3)."""
+    from skimage.measure import label, regionprops
+
     tracker, seen = change.tracker, list[FrameChange]()
     for rgb in pictures:
         with suppress(InputError):
@@ -344,9 +346,8 @@ def contact_in_reference(change: ColourChange, pictures: Sequence[Bytes]) -> Pai
     usable = tracker.usable.reshape(touched[0].shape)
     place = solid((np.mean(touched, axis=0) > CHANGED_SHARE) & usable)
     place &= np.pad(np.ones(np.subtract(place.shape, 2), bool), 1)  # light and gel change at the border first
-    _, patches, sizes, _ = cv2.connectedComponentsWithStats(place.astype(np.uint8))
-    for patch in 1 + np.argsort(-sizes[1:, cv2.CC_STAT_AREA], kind="stable"):
-        rows, columns = np.nonzero(patches == patch)
+    for patch in sorted(regionprops(label(place)), key=lambda region: -region.area):
+        rows, columns = patch.coords.T
         shrunk = partial(cv2.resize, dsize=tracker.size, interpolation=cv2.INTER_AREA)
         means = [[shrunk(plane) for plane in one.changes] for one in seen]
         if _relative_scatter(np.array(means)[:, :, rows, columns]) <= MAX_SCATTER:

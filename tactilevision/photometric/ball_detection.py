@@ -124,6 +124,8 @@ def first_guess(change: Array, usable: Bools | None = None, *, hull: bool = Fals
 
     `hull`: of the blob's convex hull. A flat punch changes only a ring, of less area than the contact.
     """
+    from skimage.measure import label, regionprops
+
     red, green, blue = (np.square(one) for one in cv2.split(cv2.GaussianBlur(np.nan_to_num(change), (0, 0), 1.5)))
     size = np.sqrt((red + green + blue) / red.dtype.type(3))
     if usable is not None:
@@ -139,14 +141,13 @@ def first_guess(change: Array, usable: Bools | None = None, *, hull: bool = Fals
         )
     blob = (size > max(0.35 * top, 4 * typical)).astype(np.uint8)
     blob = cv2.morphologyEx(blob, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
-    _, blobs, sizes, middles = cv2.connectedComponentsWithStats(blob)
-    best = 1 + int(np.argmax(sizes[1:, cv2.CC_STAT_AREA]))  # 0 is what lies around them
+    best = max(regionprops(label(blob)), key=lambda region: region.area)
     if hull:
-        moments = cv2.moments(cv2.convexHull(cv2.findNonZero((blobs == best).astype(np.uint8))))
+        moments = cv2.moments(cv2.convexHull(best.coords[:, ::-1].astype(np.int32)))
         area = max(moments["m00"], 1.0)
         return moments["m10"] / area, moments["m01"] / area, float(np.sqrt(area / np.pi))
-    x, y = middles[best]
-    return float(x), float(y), float(np.sqrt(sizes[best, cv2.CC_STAT_AREA] / np.pi))
+    y, x = best.centroid
+    return float(x), float(y), float(np.sqrt(best.area / np.pi))
 
 
 @dataclass(frozen=True, slots=True)
