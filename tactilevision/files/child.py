@@ -241,6 +241,7 @@ def _beyond(what: str, name: str, where: object) -> InputError:
 
 # The child.
 
+ROOM = 8 * MB  # bytes that every reader needs at least
 _orders: SimpleQueue[dict[str, Any]] = SimpleQueue()
 _budget = {"step_s": math.inf, "all_s": math.inf}  # s of processor time for an answer, and until the child ends
 
@@ -283,8 +284,9 @@ def _outcome(out: BinaryIO, order: dict[str, Any]) -> tuple[object, ...]:
     module, name = order["reader"]
     found: InputError | None = None
     try:
+        read = getattr(import_module(module), name)  # before the limits, which concern the file
         _limit(order)
-        for answer in getattr(import_module(module), name)(*order["given"]):
+        for answer in read(*order["given"]):
             _wait(0)
             send(out, "answer", *answer)
             _budget["all_s"] -= FILE_S if bytes in map(type, answer) else ANSWER_S
@@ -330,6 +332,7 @@ def _limit(order: dict[str, Any]) -> None:
             kind = getattr(resource, f"RLIMIT_{name}")
             hard = resource.getrlimit(kind)[1]
             resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+        bytearray(ROOM)  # MemoryError where this process holds more than the limit already
     _wait(WAIT_S)
 
 
