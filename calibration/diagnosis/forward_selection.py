@@ -307,7 +307,8 @@ def _with_terms(about: Fit, candidate: Candidate) -> Candidate:
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
     """Return the fit under the noise that the best effect leaves, where that is less from press to press.
 
-    Otherwise what changes from press to press counts as their scatter, and no two effects are distinguished.
+    Otherwise what changes from press to press counts as their scatter, and no two effects are distinguished. The
+    effect is fitted from one start: only its noise is used.
     """
     if best.p_adjusted > level:
         return current

@@ -245,7 +245,8 @@ def adopt(base: Fit, candidate: Candidate, *, quick: bool = False) -> Fit:
     """Return the candidate as a fit of its own, with the noise estimated anew from its residual.
 
     A threshold changes the noise, too, so that the best under another noise may be a wrong minimum: it is fitted
-    from all its starts, unless `quick`, and the likelihood of each with its own noise decides.
+    from all its starts, unless `quick`, and the likelihood of each with its own noise decides. Starts that lead to
+    one minimum are fitted with their own noise once.
     """
     places, values, model = [candidate.values], candidate.values, candidate.model
     if candidate.effect.threshold and not quick:
@@ -292,7 +293,7 @@ def _settled_from(base: Fit, model: Model, start: bytes) -> Fit:
     return replace(_by_own_slopes(fitted), warnings=base.warnings)
 
 
-@lru_cache(maxsize=24)  # starts that lead to one minimum are told by it before more is computed
+@lru_cache(maxsize=24)  # `adopt` and `_settled_from` ask for the same fits
 def _first(base: Fit, model: Model, start: bytes) -> Fit:
     """Return the fit from a start under the noise of `base`."""
     starts = np.frombuffer(start)[None]
@@ -300,12 +301,12 @@ def _first(base: Fit, model: Model, start: bytes) -> Fit:
 
 
 def _tolerance(model: Model) -> float:
-    """Return how exact a minimum is to be: about a threshold, where slopes jump, none is exact."""
+    """Return the tolerance of a minimum; a finer one is not reached where a threshold makes the slopes jump."""
     return QUICK if any(effect.threshold for effect in model.effects) else FINE
 
 
 def _same(one: Fit, other: Fit) -> bool:
-    """Return whether two fits of a model are one minimum."""
+    """Return whether two fits of a model reached the same minimum."""
     near = np.abs(one.values - other.values) <= SAME * np.sqrt(np.diag(one.covariance))
     return abs(one.chi2 - other.chi2) < SAME and bool(near.all())
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, sparse
+from scipy import fft
 
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
@@ -115,18 +115,13 @@ class LayerStress:
     stress: Floats
     step_mm: float
 
-    def at(self, offset_mm: Floats) -> Iterator[Floats]:
-        """Yield the stress (P, 3 loads, 3, 3) by level at `offset_mm` (P, 2) from the load; 0 off its grid."""
-        count = self.stress.shape[1]
-        place = offset_mm[:, ::-1] / self.step_mm + count // 2
-        first = np.clip(place.astype(np.intp), 0, count - 2)
-        share = np.stack([first + 1 - place, place - first])  # of the nodes before and after, for y and x
-        weights = share[:, None, :, 0] * share[None, :, :, 1] * (share >= 0).all(axis=(0, 2))
-        nodes = first @ [count, 1] + np.array([[0, 1], [count, count + 1]])[..., None]
-        entries = weights.ravel(), (np.tile(np.arange(len(place)), 4), nodes.ravel())
-        linear = sparse.csr_array(entries, shape=(len(place), count**2))
-        for stress in self.stress:
-            yield (linear @ stress.reshape(count**2, -1)).reshape(-1, 3, 6)[:, :, VOIGT]
+    def at(self, level: int, offset_mm: Floats) -> Floats:
+        """Return the stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid."""
+        from scipy.interpolate import RegularGridInterpolator
+
+        axis = (np.arange(self.stress.shape[1]) - self.stress.shape[1] // 2) * self.step_mm
+        field = RegularGridInterpolator((axis, axis), self.stress[level], bounds_error=False, fill_value=0.0)
+        return np.asarray(field(offset_mm[:, ::-1])[:, :, VOIGT])
 
 
 def layer_stress(

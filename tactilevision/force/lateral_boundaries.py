@@ -146,15 +146,15 @@ def symmetric_parts(mesh: GelMesh) -> Iterator[Span]:
         yield Span(levels, faces)
 
 
-# Combinations (n, m) of a span, None for all, and displacements (3 K N, m).
+# Combinations (n, m) of a span's displacements, None for all, and the bases (3 K N, m) that share their stiffness
 Share = tuple[sparse.csc_array | None, list[sparse.csr_array]]
 
 
 def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
-    """Yield spans of all that is not fixed, each with combinations of it that K does not mix.
+    """Yield spans of the free displacements, each with its parts that the stiffness K does not couple.
 
-    Of each, all the displacements on which K is that of the combination: a gel may be its own mirror image on
-    the diagonal, which turns one span into another, or halves it.
+    A gel that is its own mirror image on the diagonal x = y has two spans that are images of each other: K is
+    assembled once for both. Any other span falls into an even and an odd half. A part lists all bases with one K.
     """
     places, twin = mesh.face.doflocs.T, False
     off, partners = cKDTree(places).query(places[:, ::-1])
@@ -174,7 +174,7 @@ def unmixed_parts(mesh: GelMesh) -> Iterator[tuple[Span, list[Share]]]:
             halves = [sparse.csc_array(every + sign * image)[:, first] for sign in (1, -1)]
             yield span, [(half, [basis @ half]) for half in map(_normalised, halves)]
         elif not twin:
-            twin = True  # the next such span is its image
+            twin = True  # the other of the two is its image, and its basis is yielded here
             yield span, [(None, [basis, mirror @ basis])]
 
 
@@ -462,8 +462,8 @@ def _wall_forces(mesh: GelMesh, field: LayerStress, places_mm: Floats) -> Floats
     places, normals = (np.reshape(part, (2, -1)).T for part in (wall.global_coordinates(), wall.normals))
     offset = (places[:, None, :] - places_mm).reshape(-1, 2)
     total = np.zeros((3, levels.shape[1], len(nodes), len(places_mm), 3))
-    for share, at_level in zip(levels, field.at(offset), strict=True):
-        stress = at_level.reshape(len(places), len(places_mm), 3, 3, 3)
+    for level, share in enumerate(levels):
+        stress = field.at(level, offset).reshape(len(places), len(places_mm), 3, 3, 3)
         traction = np.einsum("qplij,qj->qipl", stress[..., :2], normals)
         force = np.einsum("qn,qipl->inpl", along, traction, optimize=True)
         used = np.flatnonzero(share)

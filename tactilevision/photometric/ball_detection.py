@@ -126,8 +126,8 @@ def first_guess(change: Array, usable: Bools | None = None, *, hull: bool = Fals
     """
     from skimage.measure import label, regionprops
 
-    red, green, blue = (np.square(one) for one in cv2.split(cv2.GaussianBlur(np.nan_to_num(change), (0, 0), 1.5)))
-    size = np.sqrt((red + green + blue) / red.dtype.type(3))
+    blurred = cv2.GaussianBlur(np.nan_to_num(change), (0, 0), 1.5)
+    size = np.asarray(np.sqrt(np.mean(np.square(blurred), axis=2)))
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))

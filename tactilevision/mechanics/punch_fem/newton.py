@@ -80,7 +80,7 @@ def solve_step(
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return f"the iteration diverges (residual {error:.1e})"
         if abs(error - errors[0]) < FORCE_TOLERANCE * error and min(error, errors[1]) > CHATTER_TOLERANCE:
-            break  # contact points take turns for ever
+            break  # contact points alternate between two states
         errors = errors[1], error
         chatters = iteration > LATE
         settled = jump == 0 and (contact is None or iteration > 0)
