@@ -251,7 +251,7 @@ def _evidence(p: float) -> str:
     if not np.isfinite(p):
         return "not tested"
     if p < CERTAIN:
-        return "significant beyond doubt"
+        return f"significant (p < {CERTAIN:g})"
     return f"{'' if p < LEVEL else 'not '}significant (p = {p:.2g})"
 
 

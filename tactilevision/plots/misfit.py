@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 BETWEEN = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)  # models between the first and the last
 RADII = (style.PURPLE, style.GREEN, style.YELLOW, style.SKY, style.GREY)  # radii, the smallest first
-CERTAIN = 1e-4  # p below which a pattern is called certain
+CERTAIN = 1e-4  # p below which only this bound is stated
 CHANCE = 0.05  # p above which a pattern may be chance
 SHALLOW = 0.05  # of the largest depth: P/w of less is dominated by noise
 FINE = 2  # decades; over fewer a logarithmic axis has ticks between them
@@ -149,7 +149,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
         colour = (style.ORANGE, style.BLUE)[place]
         aside = width / 80 * (place - 0.5) * (len(kept) - 1)
         residual_mN = KILO * shown.residual_N[k]
-        axes.plot(strip.values + aside, residual_mN, ".", ms=LOOK.dot, mew=0, color=colour, alpha=pale)
+        axes.plot(strip.values + aside, residual_mN, "o", ms=LOOK.dot, mew=0, color=colour, alpha=pale)
         axes.errorbar(strip.centre + aside, KILO * strip.mean_N[k], yerr=KILO * strip.reach95_N[k], fmt="o",
                       color=colour, elinewidth=LOOK.line, label=f"{shown.models[k]} (mean, 95 %)")  # fmt: skip
         _outside(axes, strip.values + aside, shown, model=k, line=place, colour=colour)
@@ -218,7 +218,7 @@ def evidence(p: float, p_trend: float) -> str:
     if not np.isfinite(p):
         return "not examined"
     if p < CERTAIN:
-        return "a pattern for certain"
+        return f"a pattern (p < {CERTAIN:g})"
     if p_trend < min(p, CHANCE):
         return f"a trend (p = {p_trend:.2g})"
     return f"a pattern (p = {p:.2g})" if p < CHANCE else f"no pattern (p = {p:.2g})"
