@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import signal
@@ -12,6 +13,8 @@ from typing import NoReturn
 
 from tactilevision.errors import Terminated
 
+COLLECT_AFTER = 100_000  # new objects before cycles are looked for: each search walks all that imports made
+
 
 def main() -> int:
     """Run the command line; returns the exit code.
@@ -19,6 +22,7 @@ def main() -> int:
     0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted · 143 terminated.
     """
     _ready_streams()
+    gc.set_threshold(COLLECT_AFTER)
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(library, "1")  # matrices are small: threads would only wait for each other
     handled = threading.current_thread() is threading.main_thread()
