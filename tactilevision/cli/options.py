@@ -164,7 +164,7 @@ class Passport(WithFigures, WithJson, runs="calibrate.passport", locks="out"):
     ] = 5.0
 
 
-class Plan(WithJson, runs="calibrate.plan"):
+class Plan(WithJson, runs="plan.plan"):
     """Forecast E, nu and c from a design, and find the fewest presses that reach a goal.
 
     Give --radius, --heights and --thickness, or a RECORDING that states them.
