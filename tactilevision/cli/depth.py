@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,10 @@ from tactilevision.batch.selection import strongest_frames
 from tactilevision.batch.tree import Light, reconstruct_tree
 from tactilevision.cli import console, options, source
 from tactilevision.errors import InputError
+from tactilevision.files.cache import kept
+from tactilevision.files.ledger import folder_digest
+from tactilevision.files.opening import real_path
+from tactilevision.files.writing import as_json, remove, staged, write_bytes
 from tactilevision.force import comparison
 from tactilevision.force.calibrated import (
     TOGETHER,
@@ -34,6 +41,7 @@ from tactilevision.plots import force as draw, style
 from tactilevision.plots.height import draw_height
 from tactilevision.press.certified_faces import FaceDepthCorrection
 from tactilevision.profile.sensor import stated_material
+from tactilevision.recording.layout import FOUND
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.constants import Z95
@@ -42,6 +50,7 @@ from tactilevision.records.measured import Material
 from tactilevision.sensors import usual_gel
 
 MOST_S = 60  # s, the longest diagnosis within `force`
+TOLD = "told.json"  # among the files kept of a diagnosis: its content, its warnings, and what is printed
 
 
 def depth(given: options.Depth) -> None:
@@ -267,22 +276,48 @@ def _against_sensor(
 
 def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
     """Diagnose the difference from the force sensor into `out`, print what it lacks, and return it."""
-    from calibration.inputs.deadline import Deadline
-    from calibration.report.diagnosis_report import resultant_sentences
-    from calibration.tasks.session import History
-    from tactilevision import result_folders as folders
-
-    asked, how = History((str(written),)), folders.Search(deadline=Deadline.after(MOST_S))
+    key = str(written), real_path(written), real_path(out), folder_digest(written)
+    began = time.monotonic()
     try:
-        found, content, commands = folders.diagnose_as(asked, how, out=out, listener=console)
+        with staged(out.parent) as stage:
+            files = kept(
+                "diagnosis",
+                key,
+                make=lambda: _diagnosed(written, stage / out.name, out),
+                whole=lambda: time.monotonic() < began + MOST_S,
+            )
+            told = json.loads(files.pop(TOLD))
+            for name, content in files.items():
+                write_bytes(stage / out.name / name, content)
     except InputError as fault:
         console.say(f"  the difference from the force sensor is not diagnosed: {fault}")
         return None
-    console.say(*(f"  {line}" for line in resultant_sentences(found)))
+    remove(out / FOUND)
+    console.warn(told["warnings"])
+    console.say(*told["lines"])
+    found: dict[str, Any] = told["content"]
+    return found
+
+
+def _diagnosed(written: Path, folder: Path, out: Path) -> dict[str, bytes]:
+    """Return the files of a diagnosis made in `folder`, which will be in `out`, and what is told of it."""
+    from calibration.inputs.deadline import Deadline
+    from calibration.report.diagnosis_report import resultant_sentences
+    from calibration.tasks.session import HISTORY, History, load_history
+    from tactilevision import result_folders as folders
+
+    warnings = list[str]()
+    listener: Any = SimpleNamespace(progress_bar=console.progress_bar, warn=warnings.extend)
+    asked, how = History((str(written),)), folders.Search(deadline=Deadline.after(MOST_S))
+    found, content, commands = folders.diagnose_as(asked, how, out=folder, listener=listener)
+    folders.write_history(load_history(folder / HISTORY), folder, out)
     words = "to add it" if found.effects else "to try"
-    console.say(*(f"  {words}: {text}" for text in commands))
-    console.say(f"  its figures are in {out / 'report.html'}; to look further: tactilevision workbench {written}")
-    return content
+    lines = [*resultant_sentences(found), *(f"{words}: {text}" for text in commands)]
+    lines += [f"its figures are in {out / 'report.html'}; to look further: tactilevision workbench {written}"]
+    told = {"content": content, "warnings": warnings, "lines": [f"  {line}" for line in lines]}
+    made = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in made}
+    return files | {TOLD: as_json(told).encode()}
 
 
 def _material(chosen: source.Choice, calibration: Path | None, recording: Recording) -> tuple[Recording, Material]:
