@@ -43,7 +43,7 @@ from tactilevision.press.certified_faces import FaceDepthCorrection
 from tactilevision.profile.sensor import stated_material
 from tactilevision.recording.layout import FOUND
 from tactilevision.recording.model import Recording
-from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.pictures import content_of, read_frame
 from tactilevision.records.constants import Z95
 from tactilevision.records.maps import TractionMap, flag_messages
 from tactilevision.records.measured import Material
@@ -203,16 +203,19 @@ def force(given: options.Force) -> None:
         offset_s = None if given.calibration is None else read_clock_offset(given.calibration)
         how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": given.workers, "cluster": given.cluster}
         rows = force_folder(recording, job, progress=progress, **how)
-    content, written = _say_forces(recording, job, rows, given.out, most=given.pictures)
+    content, written = _say_forces(recording, job, rows, given.out, way=chosen.way, most=given.pictures)
     if written is not None and given.diagnosis:
         content["diagnosis"] = _diagnose(written, given.out / "diagnosis")
     console.hand_over(content | {"material": material.as_json()}, given.json)
 
 
 def _say_forces(
-    recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], out: Path, *, most: int
+    recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], out: Path, *, way: str, most: int
 ) -> tuple[dict[str, Any], Path | None]:
-    """Print, draw and return the summary of the forces, and the recording of the comparison with measured ones."""
+    """Print, draw and return the summary of the forces, and the recording of the comparison with measured ones.
+
+    `way` is what determines a frame's map besides the recording.
+    """
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
@@ -222,7 +225,7 @@ def _say_forces(
     sensitivity = _figures(recording, job, rows, out / "figures", compared=compared, most=most)
     written, solid = None, _say_mesh(job, rows)
     if compared is not None and solid is None:
-        written = _against_sensor(recording, job, rows, out, sensitivity)
+        written = _against_sensor(recording, job, rows, out, sensitivity, way=way)
     content = {
         "frames": len(rows),
         "read": len(read),
@@ -260,6 +263,8 @@ def _against_sensor(
     rows: tuple[FrameForce, ...],
     out: Path,
     sensitivity: Sequence[dict[str, Any]],
+    *,
+    way: str,
 ) -> Path | None:
     """Write the forces next to the readings as a recording; return None where no press has enough of both."""
     joint = next((one["change_percent"] for one in sensitivity if one["parameter"] == TOGETHER), (0.0, 0.0))
@@ -270,6 +275,7 @@ def _against_sensor(
         job.field,
         folder=out / "beside",
         maps=lambda number: job.maps(read_frame(recording, number))[:2],
+        of=(content_of(recording), way, job.decides()),
         material_std=std,
     )
 
