@@ -50,6 +50,7 @@ from tactilevision.pipeline import (
 from tactilevision.plots import style
 from tactilevision.plots.validation import Panel, Series, draw_validation
 from tactilevision.recording import layout
+from tactilevision.recording.layout import FOUND
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
 
@@ -152,7 +153,6 @@ def _describe(certified: CertifiedRecording, folder: Path) -> None:
 
 # Analyses: a diagnosis or a comparison, and the steps taken back and put back.
 
-FOUND = "as_found"  # folder with the results of all steps, while some are taken back
 BEFORE = "calibration_before.json"  # the calibration that --apply replaced
 PAGES = ("report.html", "diagnosis.json", "comparison.json")
 FIGURES = (

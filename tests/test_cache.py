@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,16 @@ def test_nothing_is_kept_where_that_is_switched_off(tmp_path: Path, monkeypatch:
     made = iter((b"1", b"2"))
     assert [cache.kept("thing", "key", make=lambda: {"a": next(made)})["a"] for _ in range(2)] == [b"1", b"2"]
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_not_whole_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    made = iter((b"1", b"2", b"3"))
+    found = [
+        cache.kept("thing", "key", make=lambda: {"a": next(made)}, whole=partial(bool, whole))["a"]
+        for whole in (0, 1, 1)
+    ]
+    assert found == [b"1", b"2", b"2"]
 
 
 def test_the_files_used_least_recently_make_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

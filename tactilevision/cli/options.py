@@ -81,7 +81,7 @@ class View(WithLight, runs="view.view", locks="out"):
     ] = False
 
 
-class Force(WithFrames, WithJson, runs="depth.force", locks="out"):
+class Force(WithFrames, WithJson, runs="force.force", locks="out"):
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
 
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")]

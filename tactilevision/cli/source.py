@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tactilevision.batch.tree import find_sources
 from tactilevision.cli import console
@@ -18,13 +19,14 @@ from tactilevision.photometric.protocols import Progress, silent
 from tactilevision.photometric.storage import digest
 from tactilevision.press import certified_faces
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection, read_certified
-from tactilevision.profile.model import Profile
-from tactilevision.profile.sensor import CalibratedSensor, open_with_profile, sensor_for
-from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.ball_folder import read_ball_folder
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, require
+
+if TYPE_CHECKING:
+    from tactilevision.profile.model import Profile
+    from tactilevision.profile.sensor import CalibratedSensor
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,11 @@ class Choice:
     @cached_property
     def profile(self) -> Profile | None:
         """Return the named sensor profile. Raises InputError where other options contradict it."""
-        if self.sensor is None or not self.sensor.lower().endswith(SUFFIX):
+        if self.sensor is None:
+            return None
+        from tactilevision.profile.storage import SUFFIX, read_profile  # with compliance, which takes a while
+
+        if not self.sensor.lower().endswith(SUFFIX):
             return None
         for option, value in (("--method", self.method), ("--mm-per-px", self.mm_per_px)):
             if value is not None:
@@ -61,6 +67,8 @@ class Choice:
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named."""
         if self.profile is not None:
+            from tactilevision.profile.sensor import open_with_profile
+
             recording = open_with_profile(path, self.profile, reference=self.reference)
         else:
             recording = read_folder(
@@ -97,6 +105,8 @@ class Choice:
         """Return the profile's sensor, checked on some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
+        from tactilevision.profile.sensor import sensor_for
+
         return sensor_for(recording, self.profile)
 
     def _has_own_reference(self) -> bool:

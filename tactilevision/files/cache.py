@@ -1,7 +1,7 @@
 """Cache of what takes seconds to compute, in files named by a hash of what it depends on.
 
 The folder is $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that
-cannot be read is made anew, and so is one of another revision of this package; a folder that cannot be written to
+cannot be read is made anew, and so is one of another revision of the sources; a folder that cannot be written to
 is ignored. Beyond MOST_MB the files used least recently are removed.
 """
 
@@ -45,28 +45,31 @@ def cache_folder() -> Path | None:
 
 @cache
 def source_digest() -> str:
-    """Return a hash of this package's source files and cards: another revision computes anew."""
-    package = Path(__file__).parents[1]
+    """Return a hash of both packages' source files and cards: another revision computes anew."""
+    packages = [Path(__file__).parents[2] / name for name in ("tactilevision", "calibration")]
     digest = hashlib.sha256()
-    for path in sorted((*package.rglob("*.py"), *package.rglob("*.json"))):
+    for path in sorted(path for one in packages for form in ("*.py", "*.json") for path in one.rglob(form)):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:20]
 
 
-def kept(name: str, key: object, *, make: Callable[[], Mapping[str, bytes]]) -> dict[str, bytes]:
-    """Return the files that `make` writes for `key`: read from the cache, else made and kept."""
-    whole = repr((name, key, source_digest())).encode()
+def kept(
+    name: str, key: object, *, make: Callable[[], Mapping[str, bytes]], whole: Callable[[], bool] = lambda: True
+) -> dict[str, bytes]:
+    """Return the files that `make` writes for `key`: from the cache, else made, and kept if they are `whole`."""
+    depends = repr((name, key, source_digest())).encode()
     folder = cache_folder()
     if folder is None:
         return dict(make())
-    path = folder / f"{name}-{hashlib.sha256(whole).hexdigest()[:20]}.zip"
-    found = _read(path, whole)
+    path = folder / f"{name}-{hashlib.sha256(depends).hexdigest()[:20]}.zip"
+    found = _read(path, depends)
     if found is not None:
         return found
     made = dict(make())
     with suppress(OutputError, OSError):
-        write_archive(path, made | {KEY: whole})
-        _shrink(folder)
+        if whole():
+            write_archive(path, made | {KEY: depends})
+            _shrink(folder)
     return made
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.files.cache import kept_array
 from tactilevision.force.field import CUT, ForceField
 from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.recording.model import Recording
@@ -162,11 +164,14 @@ def write_comparison(
     *,
     folder: Path,
     maps: Callable[[int], tuple[HeightMap, ShearMap | None]],
+    of: object = None,
     material_std: float = 0.0,
 ) -> Path | None:
     """Write the recording of curves into `folder`; return None if no press has enough frames with both forces.
 
-    `rows`, one a frame, are forces by `field`; `maps` returns depth and shear (H, W) mm of a frame by its number.
+    `rows`, one a frame, are forces by `field`; `maps` returns depth and shear (H, W) mm of a frame by its number,
+    and `of` is what determines these maps and the field, by which the forces on another layer are kept in the
+    cache; None: they are not.
     `material_std` is the relative std of a force by the calibration. Where no presses are listed, each run of
     frames with contact is one.
     """
@@ -180,16 +185,18 @@ def write_comparison(
     if not presses:
         return None
     most = min(A_PRESS, max(1, SOLVED_AGAIN // len(presses)))
-    layers = [_layer(field, times) for times in (1.0, THICKER)]
-    curves = []
+    chosen = {}
     for press in presses:
         deep = sorted(seen[press.press], key=lambda row: row.depth_mm)
-        chosen = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
-        powers = [_of_thickness(*maps(number[row.frame]), layers) for row in chosen]
-        of_thickness = np.interp(
-            [row.depth_mm for row in seen[press.press]], [row.depth_mm for row in chosen], powers
-        )
-        curves.append(_curve(press.press, seen[press.press], of_thickness))
+        chosen[press.press] = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
+    numbers = [number[row.frame] for some in chosen.values() for row in some]
+    make = partial(_of_thickness, map(maps, numbers), field)
+    powers = make() if of is None else kept_array("thickness", (of, numbers), make=make)
+    curves, power = [], dict(zip(numbers, powers, strict=True))
+    for press in presses:
+        depths_mm, known_mm = ([row.depth_mm for row in some[press.press]] for some in (seen, chosen))
+        here = [power[number[row.frame]] for row in chosen[press.press]]
+        curves.append(_curve(press.press, seen[press.press], np.interp(depths_mm, known_mm, here)))
     material, E = field.material, field.material.youngs_modulus_MPa
     known: dict[str, Any] = {"youngs_modulus_std_MPa": material_std * E, "poisson_ratio": material.poisson_ratio}
     gel = replace(field.gel, youngs_modulus_MPa=E, poisson_ratio_std=0.0, **known)
@@ -210,10 +217,11 @@ def _layer(field: ForceField, times: float) -> ForceField:
     return ForceField(gel, replace(field.material, covariance=None), field.mm_per_px, settings=settings)
 
 
-def _of_thickness(height: HeightMap, shear: ShearMap | None, layers: Sequence[ForceField]) -> float:
-    """Return d ln fz/d ln h of a frame; 0 where nothing touches on the thicker layer."""
-    force = [field(height, shear).resultant_N[2] for field in layers]
-    return float(np.log(force[1] / force[0]) / np.log(THICKER)) if min(force) > 0 else 0.0
+def _of_thickness(maps: Iterable[tuple[HeightMap, ShearMap | None]], field: ForceField) -> Floats:
+    """Return d ln fz/d ln h (N,) of N frames; 0 where nothing touches on the thicker layer."""
+    layers = [_layer(field, times) for times in (1.0, THICKER)]
+    forces = [[layer(*one).resultant_N[2] for layer in layers] for one in maps]
+    return np.array([np.log(b / a) / np.log(THICKER) if min(a, b) > 0 else 0.0 for a, b in forces])
 
 
 def _contacts(recording: Recording, rows: Sequence[FrameForce]) -> tuple[Recording, list[FrameForce]]:

@@ -21,6 +21,7 @@ POINTS = "points.csv"
 FLATS = "reference/flat"
 BALLS = "reference/ball"
 BALL_TABLE = "reference/ball.csv"
+FOUND = "as_found"  # in results of an analysis: those of all steps, while some are taken back
 
 FORMAT = 1  # version of the folder's format
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 
 from calibration.effects import EFFECTS
-from tactilevision.cli import depth as command, main
+from tactilevision.cli import force as command, main
+from tactilevision.files.cache import cache_folder
 from tactilevision.force.comparison import shear_summary
 from tactilevision.force.field import NO_CONTACT
 from tactilevision.force.frame import FrameForce
+from tactilevision.recording.layout import FOUND
 from tactilevision.recording.read import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
@@ -101,7 +103,38 @@ def test_a_press_becomes_forces_figures_and_numbers(
     figures = {path.name for path in (out / "figures").iterdir()}
     assert {"resultants.png", "sensitivity.png", "residuals.png"} <= figures
     assert any(name.endswith("_force.png") for name in figures)
-    assert "another sensor" not in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "another sensor" not in printed.err
+    first, told_first = contents(out / "diagnosis"), told.read_bytes()
+    assert str(out / "diagnosis") in first["repeat.sh"].decode(), "the script names the folder that it lies in"
+    (out / "diagnosis" / FOUND).mkdir()
+    with monkeypatch.context() as hurried:
+        hurried.setattr(command, "MOST_S", 0)
+        folder = cache_folder()
+        assert folder is not None
+        had = set(folder.glob("diagnosis-*"))
+        cut = command._diagnose(out / "beside", out / "cut")
+        assert cut is not None
+        assert cut["stopped"]
+        assert set(folder.glob("diagnosis-*")) == had, "what the deadline cut is not kept"
+    capsys.readouterr()
+    monkeypatch.delattr(command, "_diagnosed")  # the same inputs: what was found is read from the cache
+    assert force(monkeypatch, recording, CALIBRATION, "--json", told, "--pictures", 1)[0] == 0
+    assert (contents(out / "diagnosis"), told.read_bytes()) == (first, told_first)
+    assert not (out / "diagnosis" / FOUND).exists()
+    again = capsys.readouterr()
+    assert again.out == printed.out
+    assert warnings(again.err) == warnings(printed.err) != []
+
+
+def warnings(said: str) -> list[str]:
+    """Return the warnings among lines of progress, which a fast run has not."""
+    return [line for line in said.splitlines() if line.startswith("warning")]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all files by their names."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_calibration_of_another_gel_is_refused(
