@@ -11,7 +11,13 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
-from tactilevision.photometric.ball_samples import Samples, far_from, slope_observability, with_same_colours
+from tactilevision.photometric.ball_samples import (
+    Samples,
+    far_from,
+    forget_samples,
+    slope_observability,
+    with_same_colours,
+)
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import BallFit, Fitter, HeldOutLaw, gain_std, scale_uncertainty
@@ -93,10 +99,10 @@ def calibrate_from_balls(
         response=response_of(pressed, pressed.values_of(change.maps.mean)).to_card(),
     )
     relative = slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
+    laws = _two_colours(best, *every), best.light_law()
+    forget_samples()
     return Calibration(
-        CalibratedMethod(
-            best.law, reference, relative, background, card, _two_colours(best, *every), best.light_law()
-        ),
+        CalibratedMethod(best.law, reference, relative, background, card, *laws),
         tuple(balls),
         direction,
         slope_error,
