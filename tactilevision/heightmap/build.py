@@ -101,7 +101,7 @@ def subtract_background(method: CalibratedMethod, free: Sequence[Bytes]) -> Cali
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
     card = replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
-    return replace(method, background=mean.added_to(method.current_background, method.kept_share), card=card)
+    return method.noted(background=mean.added_to(method.current_background, method.kept_share), card=card)
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
@@ -117,14 +117,14 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
     return free
 
 
-def free_frames(recording: Recording) -> list[Bytes]:
-    """Return the rectified pictures (H, W, 3) of `press_starts`, or at least MIN_FREE flats without presses."""
+def free_frames(recording: Recording, starts: Sequence[Frame]) -> list[Bytes]:
+    """Return the pictures (H, W, 3) of `starts`, or at least MIN_FREE rectified flats without presses."""
     from tactilevision.recording.pictures import read_reference
 
     if not recording.presses and len(recording.flats) >= MIN_FREE:
         flats = recording.flats[:MAX_FREE]
         return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
-    return [frame.rgb for frame in press_starts(recording)]
+    return [frame.rgb for frame in starts]
 
 
 def press_starts(recording: Recording) -> list[Frame]:
@@ -312,10 +312,12 @@ def build_reconstructor(
             value=type(recording).__name__,
             remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
         )
-    frames = [*reference_match.spread_frames(recording), *press_starts(recording)]
+    starts = press_starts(recording)
+    frames = [*reference_match.spread_frames(recording), *starts]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
-        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method, progress)
+        flats = [rectify(recording.sensor, rgb) for rgb in seen.flats]
+        found = _built(recording, flats, method, starts, progress)
     progress(0, 1, "frames")
     return with_view(found, seen).look(frames)
 
@@ -362,7 +364,11 @@ def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
 
 
 def _built(
-    recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None, progress: Progress
+    recording: Recording,
+    flats: Sequence[Bytes],
+    method: str | PhotometricMethod | None,
+    starts: Sequence[Frame],
+    progress: Progress,
 ) -> Reconstructor:
     from tactilevision.recording.pictures import read_reference
 
@@ -388,7 +394,7 @@ def _built(
     ]
     if pictures:
         scene_faults.check_order(reference.rgb, [picture.rgb for picture in pictures])
-    free = free_frames(recording)
+    free = free_frames(recording, starts)
 
     def calibrated() -> Reconstructor:
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
