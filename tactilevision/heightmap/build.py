@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap import ball_validation, reference_match, reference_view, scene_faults
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
-from tactilevision.heightmap.kept_light import kept_light
+from tactilevision.heightmap.kept_light import kept_balls, kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, FRAMES_READ, ReferenceMatch
 from tactilevision.heightmap.reference_view import Registered
@@ -31,7 +31,7 @@ from tactilevision.heightmap.self_calibration import (
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import far_from
-from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, find_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.drift import block_means
@@ -398,8 +398,10 @@ def _built(
 
     def calibrated() -> Reconstructor:
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
-        how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
-        calibration = calibrate_from_balls(reference, pictures, **how)
+        how: Any = {"mm_per_px": sensor.mm_per_px, "progress": progress}
+        find = partial(find_balls, reference, pictures, **how)
+        balls = kept_balls(sensor, reference, pictures=pictures, make=find)
+        calibration = calibrate_from_balls(reference, pictures, fit=fit, found=balls, **how)
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 

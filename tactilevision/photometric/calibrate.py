@@ -10,7 +10,14 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
+from tactilevision.photometric.ball_pictures import (
+    MIN_BALLS,
+    BallPicture,
+    BallSearch,
+    FoundBalls,
+    check_count,
+    pressed_balls,
+)
 from tactilevision.photometric.ball_samples import (
     Samples,
     far_from,
@@ -46,23 +53,34 @@ class Calibration:
     held_out_laws: tuple[HeldOutLaw | None, ...] = ()
 
 
+FoundTwice = tuple[tuple[Ball | None, ...], FoundBalls]  # each ball by itself, and all by the light of the others
+
+
+def find_balls(
+    reference: Reference, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress = silent
+) -> FoundTwice:
+    """Return the balls for `calibrate_from_balls`, which raises the same errors."""
+    search = BallSearch(ColourChange(reference), pictures, mm_per_px, np.random.default_rng(0), progress)
+    alone = search.collect()
+    return alone.balls, search.refine(alone)
+
+
 def calibrate_from_balls(
     reference: Reference,
     pictures: Sequence[BallPicture],
     *,
     mm_per_px: Pair,
     fit: Fitter,
+    found: FoundTwice | None = None,
     progress: Progress = silent,
 ) -> Calibration:
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. `progress` hears of each pass. Raises
-    InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
+    Assumes that inside the contact circle the gel has the ball's shape. `found`: of `find_balls`. `progress` hears
+    of each pass. Raises InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
-    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
-    alone = search.collect()
-    seen = search.refine(alone)
+    alone, seen = found or find_balls(reference, pictures, mm_per_px=mm_per_px, progress=progress)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:
@@ -75,7 +93,7 @@ def calibrate_from_balls(
     slope_error = float(np.sqrt(np.mean(np.sum((best.held_out - pressed.slopes) ** 2, axis=1))))
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
-    contact_px, at_contact = pressed_reference(change, shots, alone.balls)
+    contact_px, at_contact = pressed_reference(change, shots, alone)
     unsure = {number: held.std for number, held in scale.held_out_laws.items()}
     warnings = ball_warnings(best, balls, pictures, cover=cover, light=light, contact_px=contact_px, unsure=unsure)
     card = MethodCard(
