@@ -1,4 +1,4 @@
-"""Calibrated light in the cache, under a hash of the pictures and of the sensor that it was made from."""
+"""Calibrated light, and the balls it is fitted to, in the cache, under a hash of the pictures and the sensor."""
 
 from __future__ import annotations
 
