@@ -54,8 +54,8 @@ SPLINE_NODES = 100  # of the profile's spline
 class PunchCase:
     """Dimensionless parameters of the surface around a flat punch.
 
-    `w_over_h` is the depth over the thickness, or several depths over it, for which the results have one more,
-    first axis; `friction` Coulomb's coefficient; infinity: the gel sticks.
+    `w_over_h` is the depth over the thickness, or several of them, for which radii and results have one more,
+    first axis; `friction` is Coulomb's coefficient; infinity: the gel sticks.
     """
 
     poisson_ratio: float
@@ -156,10 +156,9 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
     from scipy.interpolate import PchipInterpolator
 
     depths = np.reshape(case.w_over_h, (-1, 1)) / case.a_over_h
-    farthest = max(float(r_over_a.max(initial=0.0) + 2 * depths.max()), 1 + 1 / case.a_over_h)
-    material = 1 + (farthest - 1) * np.linspace(0, 1, 400) ** 2
-    rise, outward = (np.broadcast_to(part, (len(depths), 400)) for part in source(material, case))
-    found = []
+    farthest = np.maximum(float(r_over_a.max(initial=0.0)) + 2 * depths, 1 + 1 / case.a_over_h)
+    material, found = 1 + (farthest - 1) * np.linspace(0, 1, 400) ** 2, []
+    rise, outward = source(material, case)
     for up, seen in zip(rise, material + depths * outward, strict=True):
         forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
         place = PchipInterpolator(seen[forward], up[forward])
