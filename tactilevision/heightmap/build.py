@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap import ball_validation, reference_match, reference_view, scene_faults
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
-from tactilevision.heightmap.kept_light import kept_balls, kept_light
+from tactilevision.heightmap.kept_light import kept_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, FRAMES_READ, ReferenceMatch
 from tactilevision.heightmap.reference_view import Registered
@@ -30,8 +30,8 @@ from tactilevision.heightmap.self_calibration import (
 )
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
-from tactilevision.photometric.ball_samples import far_from
-from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, find_balls
+from tactilevision.photometric.ball_samples import far_from, forget_samples
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.drift import block_means
@@ -117,14 +117,14 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
     return free
 
 
-def free_frames(recording: Recording, starts: Sequence[Frame]) -> list[Bytes]:
-    """Return the pictures (H, W, 3) of `starts`, or at least MIN_FREE rectified flats without presses."""
+def free_frames(recording: Recording) -> list[Bytes]:
+    """Return the rectified pictures (H, W, 3) of `press_starts`, or at least MIN_FREE flats without presses."""
     from tactilevision.recording.pictures import read_reference
 
     if not recording.presses and len(recording.flats) >= MIN_FREE:
         flats = recording.flats[:MAX_FREE]
         return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
-    return [frame.rgb for frame in starts]
+    return [frame.rgb for frame in press_starts(recording)]
 
 
 def press_starts(recording: Recording) -> list[Frame]:
@@ -312,12 +312,10 @@ def build_reconstructor(
             value=type(recording).__name__,
             remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
         )
-    starts = press_starts(recording)
-    frames = [*reference_match.spread_frames(recording), *starts]
+    frames = [*reference_match.spread_frames(recording), *press_starts(recording)]
     with faults_of_flats(recording):
         seen = flats_in_view(recording, [frame.rgb for frame in frames])
-        flats = [rectify(recording.sensor, rgb) for rgb in seen.flats]
-        found = _built(recording, flats, method, starts, progress)
+        found = _built(recording, [rectify(recording.sensor, rgb) for rgb in seen.flats], method, progress)
     progress(0, 1, "frames")
     return with_view(found, seen).look(frames)
 
@@ -364,11 +362,7 @@ def with_view(found: Reconstructor, seen: Registered) -> Reconstructor:
 
 
 def _built(
-    recording: Recording,
-    flats: Sequence[Bytes],
-    method: str | PhotometricMethod | None,
-    starts: Sequence[Frame],
-    progress: Progress,
+    recording: Recording, flats: Sequence[Bytes], method: str | PhotometricMethod | None, progress: Progress
 ) -> Reconstructor:
     from tactilevision.recording.pictures import read_reference
 
@@ -394,14 +388,13 @@ def _built(
     ]
     if pictures:
         scene_faults.check_order(reference.rgb, [picture.rgb for picture in pictures])
-    free = free_frames(recording, starts)
+    free = free_frames(recording)
 
     def calibrated() -> Reconstructor:
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
-        how: Any = {"mm_per_px": sensor.mm_per_px, "progress": progress}
-        find = partial(find_balls, reference, pictures, **how)
-        balls = kept_balls(sensor, reference, pictures=pictures, make=find)
-        calibration = calibrate_from_balls(reference, pictures, fit=fit, found=balls, **how)
+        how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
+        calibration = calibrate_from_balls(reference, pictures, **how)
+        forget_samples()
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 

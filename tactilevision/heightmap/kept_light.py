@@ -1,4 +1,4 @@
-"""Calibrated light, and the balls it is fitted to, in the cache, under a hash of the pictures and the sensor."""
+"""Calibrated light in the cache, under a hash of the pictures and of the sensor that it was made from."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.files.cache import kept, kept_record
+from tactilevision.files.cache import kept
 from tactilevision.files.documents import parse_json
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.calibrate import Calibration, FoundTwice
+from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.storage import pack_method, unpack_method
@@ -43,20 +43,6 @@ def kept_light(
     `fit` is the method's name; `pictures` and the `free` frames (H, W, 3) are rectified. The first use is restored
     from the same bytes as every later one.
     """
-    key = fit, _key(sensor, reference, pictures, free)
-    return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
-
-
-def kept_balls(
-    sensor: Sensor, reference: Reference, *, pictures: Sequence[BallPicture], make: Callable[[], FoundTwice]
-) -> FoundTwice:
-    """Return the balls that `make` finds in rectified `pictures`, the same for all fits, by way of the cache."""
-    return kept_record("balls", _key(sensor, reference, pictures), make=make)
-
-
-def _key(
-    sensor: Sensor, reference: Reference, pictures: Sequence[BallPicture], free: Sequence[Bytes] = ()
-) -> tuple[object, ...]:
     digest = sha256()
     seen: list[npt.NDArray[Any]] = [reference.rgb, *(picture.rgb for picture in pictures), *free]
     for rgb in seen:
@@ -65,7 +51,8 @@ def _key(
     balls = [(one.radius_mm, one.centre_px, one.contact_radius_px, one.name) for one in pictures]
     seen_by = replace(sensor, rectification=None)  # the pictures are rectified
     libraries = np.__version__, cv2.__version__  # which may round otherwise
-    return libraries, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
+    key = libraries, fit, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
+    return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
 
 
 def _packed(made: Reconstructor) -> dict[str, bytes]:

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
+import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.files.cache import kept_record, packed_record
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import (
-    MIN_BALLS,
-    BallPicture,
-    BallSearch,
-    FoundBalls,
-    check_count,
-    pressed_balls,
-)
-from tactilevision.photometric.ball_samples import (
-    Samples,
-    far_from,
-    forget_samples,
-    slope_observability,
-    with_same_colours,
-)
+from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
+from tactilevision.photometric.ball_samples import Samples, far_from, slope_observability, with_same_colours
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import BallFit, Fitter, HeldOutLaw, gain_std, scale_uncertainty
@@ -53,34 +43,25 @@ class Calibration:
     held_out_laws: tuple[HeldOutLaw | None, ...] = ()
 
 
-FoundTwice = tuple[tuple[Ball | None, ...], FoundBalls]  # each ball by itself, and all by the light of the others
-
-
-def find_balls(
-    reference: Reference, pictures: Sequence[BallPicture], *, mm_per_px: Pair, progress: Progress = silent
-) -> FoundTwice:
-    """Return the balls for `calibrate_from_balls`, which raises the same errors."""
-    search = BallSearch(ColourChange(reference), pictures, mm_per_px, np.random.default_rng(0), progress)
-    alone = search.collect()
-    return alone.balls, search.refine(alone)
-
-
 def calibrate_from_balls(
     reference: Reference,
     pictures: Sequence[BallPicture],
     *,
     mm_per_px: Pair,
     fit: Fitter,
-    found: FoundTwice | None = None,
     progress: Progress = silent,
 ) -> Calibration:
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. `found`: of `find_balls`. `progress` hears
-    of each pass. Raises InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
+    Assumes that inside the contact circle the gel has the ball's shape. The balls found are kept in the cache, for
+    other fits. `progress` hears of each pass. Raises InputError for fewer than MIN_BALLS usable presses, with the
+    faults of the others.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
-    alone, seen = found or find_balls(reference, pictures, mm_per_px=mm_per_px, progress=progress)
+    search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
+    content = packed_record((reference, tuple(pictures), mm_per_px, np.__version__, cv2.__version__))
+    key = [sha256(part).hexdigest() for part in content.values()]
+    alone, seen = kept_record("balls", key, make=search.both)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:
@@ -117,10 +98,10 @@ def calibrate_from_balls(
         response=response_of(pressed, pressed.values_of(change.maps.mean)).to_card(),
     )
     relative = slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
-    laws = _two_colours(best, *every), best.light_law()
-    forget_samples()
     return Calibration(
-        CalibratedMethod(best.law, reference, relative, background, card, *laws),
+        CalibratedMethod(
+            best.law, reference, relative, background, card, _two_colours(best, *every), best.light_law()
+        ),
         tuple(balls),
         direction,
         slope_error,

@@ -161,7 +161,7 @@ def test_an_exchange_against_the_methods_own_pictures_is_named(name: str) -> Non
 def test_spoiled_frames_do_not_renew_the_reference() -> None:
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
     reference = make_reference([rectify(recording.sensor, read_image(path)) for path in recording.flats]).rgb
-    free = free_frames(recording, press_starts(recording))[:6]
+    free = free_frames(recording)[:6]
     assert able_to_renew(reference, free) == free
     dark, mirrored = ([FAULTS[name][1](rgb, 0) for rgb in free] for name in ("lamp", "mirrored"))
     assert able_to_renew(reference, [*dark[:3], *free[3:]]) == free[3:]
