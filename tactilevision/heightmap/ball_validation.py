@@ -176,8 +176,8 @@ def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:
     share = r / (ball.contact_radius_px * mm_per_px[0])
     middle = share <= max(MIDDLE, float(share.min()))
     rim = (share > RIM[0]) & (share < RIM[1])
-    cap = np.sqrt(np.maximum(ball.radius_mm**2 - r**2, 0.0))
-    return float(depth[middle].mean() - depth[rim].mean()), float(cap[middle].mean() - cap[rim].mean())
+    low, high = (np.sqrt(np.maximum(ball.radius_mm**2 - r[part] ** 2, 0.0)).mean() for part in (rim, middle))
+    return float(depth[middle].mean() - depth[rim].mean()), float(high - low)
 
 
 def chosen_balls(

@@ -30,7 +30,7 @@ from tactilevision.heightmap.self_calibration import (
 )
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
-from tactilevision.photometric.ball_samples import far_from
+from tactilevision.photometric.ball_samples import far_from, forget_samples
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
@@ -101,7 +101,7 @@ def subtract_background(method: CalibratedMethod, free: Sequence[Bytes]) -> Cali
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
     card = replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
-    return replace(method, background=mean.added_to(method.current_background, method.kept_share), card=card)
+    return method.noted(background=mean.added_to(method.current_background, method.kept_share), card=card)
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
@@ -394,6 +394,7 @@ def _built(
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
         how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
         calibration = calibrate_from_balls(reference, pictures, **how)
+        forget_samples()
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 

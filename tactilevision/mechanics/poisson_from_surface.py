@@ -199,44 +199,46 @@ class _Fit:
         free = np.ones(len(self.model.shape_error))
         return np.array([low, *LOWER, *-free]), np.array([high, *UPPER, *free])
 
-    def profile(self, press: Press, theta: Floats, rise_factor: float) -> Floats:
-        """Return the depth over the face's depth, a ratio, on the press's radial grid (n,).
+    def profiles(self, theta: Floats, rise_factor: float = 1.0) -> list[Floats]:
+        """Return the depth over the face's depth, a ratio, on each press's radial grid (n,).
 
         `rise_factor` scales the gel outside the face. The error of its shape is linear between the model's places,
         and fades as the profile does.
         """
         nu, log_thickness, friction_share, gain, *shape = (float(value) for value in theta)
-        model, view, r = self.model, press.blocks.view, press.blocks.r_mm
-        thickness = self.thickness_mm * float(np.exp(log_thickness))
-        # a step of the fit may leave the range
-        a_over_h = float(np.clip(view.radius_mm / thickness, *model.a_over_h_range))
-        w_over_h = min(press.true_depth(gain) / thickness, model.deepest)
-        if np.isfinite(view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
-            w_over_h = DEPTH_STEP * round(w_over_h / DEPTH_STEP)
-        case = PunchCase(nu, a_over_h, w_over_h, friction_of_share(friction_share))
-        depth = -_seen(case, model.source, float(r[1] / view.radius_mm), len(r))
-        places = [place for place, _ in model.shape_error] or [0.0]
-        off = np.interp(
-            (r - view.radius_mm) / thickness, [*places, places[-1] + SHAPE_END], [*(shape or [0.0]), 0.0]
-        )
-        return np.where(r > view.radius_mm, rise_factor * depth - off, depth)
+        model, thickness = self.model, self.thickness_mm * float(np.exp(log_thickness))
+        depths = [min(press.true_depth(gain) / thickness, model.deepest) for press in self.presses]
+        for k, press in enumerate(self.presses):
+            if np.isfinite(press.blocks.view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
+                depths[k] = DEPTH_STEP * round(depths[k] / DEPTH_STEP)
+        several, friction = tuple(dict.fromkeys(depths)), friction_of_share(friction_share)
+        places, found = [place for place, _ in model.shape_error] or [0.0], []
+        for press, w_over_h in zip(self.presses, depths, strict=True):
+            radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
+            # a step of the fit may leave the range
+            a_over_h = float(np.clip(radius / thickness, *model.a_over_h_range))
+            case = PunchCase(nu, a_over_h, several, friction)
+            depth = -_seen(case, model.source, float(r[1] / radius), len(r))[several.index(w_over_h)]
+            off = np.interp((r - radius) / thickness, [*places, places[-1] + SHAPE_END], [*(shape or [0.0]), 0.0])
+            found.append(np.where(r > radius, rise_factor * depth - off, depth))
+        return found
 
-    def system(self, press: Press, theta: Floats, rise_factor: float = 1.0) -> tuple[Floats, Floats]:
+    def system(self, press: Press, profile: Floats, gain: float) -> tuple[Floats, Floats]:
         """Return the linear equations of the press's own unknowns (12,), and their right side.
 
         Both are in standard deviations; the last 13 rows are priors and the certified depth.
         """
-        first, *last = press.columns(self.profile(press, theta, rise_factor))
+        first, *last = press.columns(profile)
         weight, certified = press.certified
         columns = np.column_stack([first, press.plain, *last])
         matrix = np.concatenate([columns, np.diag(1 / press.std), weight * np.eye(1, len(press.std))])
-        return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [theta[3] * certified]])
+        return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [gain * certified]])
 
     def residuals(self, theta: Floats, rise_factor: float = 1.0) -> list[Floats]:
         """Return each press's residual (n + 13,) after its own unknowns were fitted."""
         found = []
-        for press in self.presses:
-            matrix, goal = self.system(press, theta, rise_factor)
+        for press, profile in zip(self.presses, self.profiles(theta, rise_factor), strict=True):
+            matrix, goal = self.system(press, profile, theta[3])
             q, _ = np.linalg.qr(matrix)
             found.append(goal - q @ (q.T @ goal))
         return found
@@ -246,18 +248,21 @@ class _Fit:
 
         Inwards at a bound, 0 by a known one.
         """
-        return [self._slopes(press, theta) for press in self.presses]
+        steps = np.where(theta + STEP <= self.bounds[1], STEP, -STEP) * (self.prior_std > PINNED)
+        now = self.profiles(theta)
+        moved = [self.profiles(theta + step) if step.any() else now for step in np.diag(steps)]
+        scale = np.where(steps, steps, 1.0)[:, None]
+        rates = (np.subtract(there, here) / scale for here, *there in zip(now, *moved, strict=True))
+        return [self._slopes(*one, theta) for one in zip(self.presses, now, rates, strict=True)]
 
-    def _slopes(self, press: Press, theta: Floats) -> Floats:
+    def _slopes(self, press: Press, profile: Floats, rates: Floats, theta: Floats) -> Floats:
         """Return the derivative (n + 13, k) of a press's residual r, of its equations A x = g with A = Q R.
 
+        `rates` (k, m) of its profile (m,).
         r' = (1 - Q Q')(g' - A' x) - Q R^-T (A'^T r)        Golub, Pereyra (1973)
         """
-        steps = np.where(theta + STEP <= self.bounds[1], STEP, -STEP) * (self.prior_std > PINNED)
-        depth = self.profile(press, theta, 1.0)
-        moved = [self.profile(press, theta + step, 1.0) if step.any() else depth for step in np.diag(steps)]
-        changes = np.stack(press.columns(((moved - depth) / np.where(steps, steps, 1.0)[:, None]).T))
-        matrix, goal = self.system(press, theta)
+        changes = np.stack(press.columns(rates.T))
+        matrix, goal = self.system(press, profile, theta[3])
         q, r = np.linalg.qr(matrix)
         own = np.linalg.solve(r, q.T @ goal)
         off, varying, count = goal - matrix @ own, [0, -2, -1], len(press.goal)
@@ -361,9 +366,9 @@ def _centred(fit: _Fit, theta: Floats) -> Iterator[SurfaceView]:
     """Move the views to the centre that a first fit gives: near the edge the profile is too curved for one
     step.
     """
-    for press in fit.presses:
+    for press, profile in zip(fit.presses, fit.profiles(theta), strict=True):
         view = press.blocks.view
-        x, y = np.linalg.lstsq(*fit.system(press, theta), rcond=None)[0][-2:]
+        x, y = np.linalg.lstsq(*fit.system(press, profile, theta[3]), rcond=None)[0][-2:]
         yield replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y)))
 
 

@@ -54,12 +54,13 @@ SPLINE_NODES = 100  # of the profile's spline
 class PunchCase:
     """Dimensionless parameters of the surface around a flat punch.
 
-    `w_over_h` is the depth over the thickness, `friction` Coulomb's coefficient; infinity: the gel sticks.
+    `w_over_h` is the depth over the thickness, or several of them, for which radii and results have one more,
+    first axis; `friction` is Coulomb's coefficient; infinity: the gel sticks.
     """
 
     poisson_ratio: float
     a_over_h: float
-    w_over_h: float = 0.0
+    w_over_h: float | tuple[float, ...] = 0.0
     friction: float = 0.0
 
 
@@ -154,14 +155,15 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
     """
     from scipy.interpolate import PchipInterpolator
 
-    depth = case.w_over_h / case.a_over_h
-    farthest = max(float(r_over_a.max(initial=0.0)) + 2 * depth, 1 + 1 / case.a_over_h)
-    material = 1 + (farthest - 1) * np.linspace(0, 1, 400) ** 2
+    depths = np.reshape(case.w_over_h, (-1, 1)) / case.a_over_h
+    farthest = np.maximum(float(r_over_a.max(initial=0.0)) + 2 * depths, 1 + 1 / case.a_over_h)
+    material, found = 1 + (farthest - 1) * np.linspace(0, 1, 400) ** 2, []
     rise, outward = source(material, case)
-    seen = material + depth * outward
-    forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
-    place = PchipInterpolator(seen[forward], rise[forward])
-    return np.where(r_over_a > 1, place(np.maximum(r_over_a, seen[0])), -1.0)
+    for up, seen in zip(rise, material + depths * outward, strict=True):
+        forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
+        place = PchipInterpolator(seen[forward], up[forward])
+        found.append(np.where(r_over_a > 1, place(np.maximum(r_over_a, seen[0])), -1.0))
+    return np.reshape(found, (*np.shape(case.w_over_h), *r_over_a.shape))
 
 
 def _kernel_nodes(reach_over_h: float) -> int:

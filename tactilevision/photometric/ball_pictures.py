@@ -160,6 +160,11 @@ class BallSearch:
     rng: np.random.Generator
     progress: Progress = silent
 
+    def both(self) -> tuple[tuple[Ball | None, ...], FoundBalls]:
+        """Return each ball as found alone, and all as refined by the light of the others."""
+        alone = self.collect()
+        return alone.balls, self.refine(alone)
+
     def collect(self, find: Finder | None = None, what: str = "balls") -> FoundBalls:
         """Return the balls by `find`, or by `locate`; the progress says `what` is found.
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,20 @@ INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside
 OUTSIDE = 4  # contact radii beyond which the gel counts as untouched
 
 KEPT = 24  # cached sample sets: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
+T = TypeVar("T")
+_caches: list[Any] = []  # of all functions of sample sets
+
+
+def kept_of_samples(function: T) -> T:
+    """Return the function with its results kept until `forget_samples`."""
+    _caches.append(lru_cache(maxsize=KEPT)(cast(Any, function)))
+    return cast(T, _caches[-1])
+
+
+def forget_samples() -> None:
+    """Release the results kept of all sample sets."""
+    for cache in _caches:
+        cache.cache_clear()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

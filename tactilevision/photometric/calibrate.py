@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
+import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.files.cache import kept_record, packed_record
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
@@ -50,13 +53,15 @@ def calibrate_from_balls(
 ) -> Calibration:
     """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. `progress` hears of each pass. Raises
-    InputError for fewer than MIN_BALLS usable presses, with the faults of the others.
+    Assumes that inside the contact circle the gel has the ball's shape. The balls found are kept in the cache, for
+    other fits. `progress` hears of each pass. Raises InputError for fewer than MIN_BALLS usable presses, with the
+    faults of the others.
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
     search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
-    alone = search.collect()
-    seen = search.refine(alone)
+    content = packed_record((reference, tuple(pictures), mm_per_px, np.__version__, cv2.__version__))
+    key = [sha256(part).hexdigest() for part in content.values()]
+    alone, seen = kept_record("balls", key, make=search.both)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:
@@ -69,7 +74,7 @@ def calibrate_from_balls(
     slope_error = float(np.sqrt(np.mean(np.sum((best.held_out - pressed.slopes) ** 2, axis=1))))
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
-    contact_px, at_contact = pressed_reference(change, shots, alone.balls)
+    contact_px, at_contact = pressed_reference(change, shots, alone)
     unsure = {number: held.std for number, held in scale.held_out_laws.items()}
     warnings = ball_warnings(best, balls, pictures, cover=cover, light=light, contact_px=contact_px, unsure=unsure)
     card = MethodCard(

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball_samples import KEPT, Samples
+from tactilevision.photometric.ball_samples import Samples, kept_of_samples
 from tactilevision.photometric.protocols import ColourLaw, Stored
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.records.measured import Array, Floats, Picture
@@ -362,7 +362,7 @@ def patch_error(slopes: Floats, samples: Samples) -> float:
     return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
-@lru_cache(maxsize=KEPT)
+@kept_of_samples
 def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the number (N,) of the patch of each sample, and the number of samples in each patch."""
     steepness = np.hypot(*samples.slopes.T)
@@ -373,7 +373,7 @@ def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.
     return patch.ravel(), np.bincount(patch.ravel())
 
 
-@lru_cache(maxsize=KEPT)
+@kept_of_samples
 def _without(samples: Samples, numbers: tuple[int, ...]) -> Samples:
     """Return the samples of other balls: one object for all fitters, which cache by it."""
     return samples.where(~np.isin(samples.press, numbers))

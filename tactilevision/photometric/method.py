@@ -126,12 +126,17 @@ class CalibratedMethod:
         self.name = self.law.name
         self.change = ColourChange(self.reference, response_from_card(self.card.response))
         self.evaluate = self.law.evaluator(self.reference.shape)
-        noise = self.evaluate.noise(self.change.noise)
+        self._linear_noise = self.evaluate.noise(self.change.noise)
+        self._dark = self.evaluate.noise(self.change.scale * darkness(self.change.maps.mean))
+        self._damp()
+
+    def _damp(self) -> None:
+        """Compute what depends on the background."""
+        noise = self._linear_noise
         background = np.stack([0 * noise, 0 * noise, noise])
         if self.background is not None:
             background = background_over(self.background, self.reference.shape)
-        dark = self.evaluate.noise(self.change.scale * darkness(self.change.maps.mean))
-        self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
+        self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, self._dark) ** 2), np.float32)
         self._mean_bias = background[:2]
         self.noise: Picture = background[2] * self.kept_share
         self.readable: Bools = self.reference.usable & (self.kept_share > 0.5)
@@ -153,7 +158,7 @@ class CalibratedMethod:
         """Bias and noise on untouched gel, by blocks, also without ball pictures."""
         if self.background is not None:
             return self.background
-        return BackgroundSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
+        return BackgroundSums(self.reference.shape).result(self._linear_noise)
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         """Return slopes (H, W) of a rectified frame (H, W, 3) uint8. Raises InputError if it cannot be read."""
@@ -235,13 +240,16 @@ class CalibratedMethod:
             self.tiled_evaluator.follow(rgb_rectified, share)
 
     def noted(self, **changes: Any) -> CalibratedMethod:
-        """Return a copy with another `card` (of the same response), `light_law` or `walls`.
+        """Return a copy with another `card` (of the same response), `light_law`, `walls` or `background`.
 
-        Nothing is computed again; both share what `follow` moves.
+        Only what a background changes is computed again; both share what `follow` moves.
         """
         noted = copy(self)
-        noted.__dict__.pop("tiled_evaluator", None)
         noted.__dict__.update(changes)
+        if "background" in changes or noted.card.tile_px != self.card.tile_px:
+            noted.__dict__.pop("bias", None)
+            noted.__dict__.pop("tiled_evaluator", None)
+            noted._damp()
         return noted
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:

@@ -185,7 +185,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     stack = np.stack([np.asarray(flat, dtype=np.float32) for flat in flats])
     mean = stack.mean(axis=0)
     noise = _noise_between(stack) if len(flats) > 1 else _noise_within(mean)
-    _check_agreement(stack, noise)
+    _check_agreement(flats, noise)
     signal = np.sqrt(np.sum((mean / np.asarray(noise, np.float32)) ** 2, axis=2))
     usable = (mean.max(axis=2) < SATURATED) & (signal > MIN_SIGNAL)
     reference = Reference(mean, noise, usable)
@@ -312,12 +312,12 @@ def _floored(noise: Array) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _check_agreement(stack: Picture, noise: tuple[float, float, float]) -> None:
+def _check_agreement(flats: Sequence[Bytes], noise: tuple[float, float, float]) -> None:
     """Raise InputError where one of several flats differs from their median over a patch, as in a contact."""
-    if len(stack) < 3:
+    if len(flats) < 3:
         return
-    median = np.median(stack, axis=0)
-    for index, flat in enumerate(stack):
+    median = np.median(flats, axis=0).astype(np.float32)
+    for index, flat in enumerate(flats):
         change = cv2.GaussianBlur(flat - median, (0, 0), 3)
         change -= np.asarray(medians(change), np.float32)
         size = [np.abs(plane / np.float32(std)) for plane, std in zip(cv2.split(change), noise, strict=True)]
@@ -325,7 +325,7 @@ def _check_agreement(stack: Picture, noise: tuple[float, float, float]) -> None:
             raise InputError(
                 "a flat frame shows a contact, or the light changed over part of it",
                 where=layout.FLATS,
-                value=f"frame {index + 1} of {len(stack)}",
+                value=f"frame {index + 1} of {len(flats)}",
                 remedy="Remove that frame.",
             )
 

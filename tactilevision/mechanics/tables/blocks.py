@@ -149,7 +149,9 @@ def on_one_grid(blocks: Sequence[Block]) -> list[Block]:
     """
     finest = max(blocks, key=lambda block: block.nodes)
     own = {block.key: block for block in blocks}
-    return [_on(finest.axes, block, own) for block in blocks]
+    for block in blocks:
+        own[block.key] = _on(finest.axes, own[block.key], own)
+    return list(own.values())
 
 
 def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
@@ -166,8 +168,8 @@ def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
     return None
 
 
-def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
-    """Return `block` on all nodes of `axes`."""
+def _on(axes: Axes, block: Block, own: dict[Key, Block]) -> Block:
+    """Return `block` on all nodes of `axes`; its relatives in `own` stay there on all of them."""
     if block.stiffness.shape[:2] == (len(axes.poisson_ratios), len(axes.a_over_h)):
         return block
     key = relative_of(block.key, list(own))
@@ -175,7 +177,7 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
         raise InputError(
             "a block was solved at few nodes, and none of its kind at more", where="tabulate", value=block.key
         )
-    relative = _on(axes, own[key], own)
+    relative = own[key] = _on(axes, own[key], own)
     rows = _places(block.axes.poisson_ratios, axes.poisson_ratios)
     columns = _places(block.axes.a_over_h, axes.a_over_h)
     ratio = block.stiffness / relative.stiffness[np.ix_(rows, columns)]

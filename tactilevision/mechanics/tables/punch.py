@@ -60,7 +60,7 @@ def punch_reach(contact: FlatContact, material: Material) -> float:
 
 
 def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> Floats:
-    """Return the rise and u_r over w (2, ...) at r/a >= 1.
+    """Return the rise and u_r over w (2, ...) at r/a >= 1, which of several depths are (depths, ...).
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
     thicknesses on the excess fades like the profile.
@@ -68,11 +68,14 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mix
     from scipy.interpolate import PPoly
 
     axes = mixture[0][1].blocks[0].axes
-    place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
-    excess = tables.blended(mixture, "surface", place)
-    beyond = (r_over_a - 1) * case.a_over_h
-    spline = PPoly.construct_fast(_splines() @ excess[0].T, np.sqrt(BESIDE))
-    line = np.moveaxis(spline(np.sqrt(np.clip(beyond, 0, REACH))), -1, 0)
+    place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.ravel(case.w_over_h))
+    excess, beyond = tables.blended(mixture, "surface", place), (r_over_a - 1) * case.a_over_h
+    roots = np.sqrt(np.clip(beyond, 0, REACH)).reshape(len(excess), -1)
+    lines = [
+        PPoly.construct_fast(_splines() @ one.T, np.sqrt(BESIDE))(root)
+        for one, root in zip(excess, roots, strict=True)
+    ]
+    line = np.moveaxis(np.stack(lines), -1, 0).reshape(2, *r_over_a.shape)
     fading = np.exp(-np.maximum(beyond - REACH, 0))
     return np.asarray(np.stack(linear_profile(r_over_a, case)) + fading * line)
 
@@ -126,7 +129,7 @@ class TableProfile:
     edge_over_h: float = EDGE_OVER_H
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-        """Return rise and u_r per unit of depth at r/a >= 1 (any shape)."""
+        """Return rise and u_r per unit of depth at r/a >= 1 (any shape), for each depth."""
         for what, value, ends in (
             ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
             ("a/h", case.a_over_h, A_OVER_H_RANGE),

@@ -21,13 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import reduce
 from itertools import accumulate, combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
+from tactilevision.photometric.ball_samples import TYPICAL, Samples, kept_of_samples
 from tactilevision.photometric.colour_change import Window
 from tactilevision.photometric.protocols import ColourLaw, Evaluator, Stored
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
@@ -130,7 +130,7 @@ def fit_fourth_order(contact: Samples, untouched_samples: Samples, *, ridge: flo
     return fit_polynomial(contact, untouched_samples, ridge=ridge, order=4)
 
 
-@lru_cache(maxsize=KEPT)
+@kept_of_samples
 def _equations(
     contact: Samples, untouched_samples: Samples, simulated: Samples | None, share: float, order: int
 ) -> tuple[Floats, Floats, Floats]:
@@ -149,7 +149,7 @@ def _equations(
     return normal, target / scale[:, None], scale[:, None]
 
 
-@lru_cache(maxsize=KEPT)
+@kept_of_samples
 def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
     """Return weighted means over samples: of design products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
@@ -295,7 +295,7 @@ class AutoMethod:
         return fit_polynomial(contact, untouched_samples, ridge=ridge)
 
 
-@lru_cache(maxsize=KEPT)
+@kept_of_samples
 def _law_samples(contact: Samples, uneven: float) -> Samples:
     """Return samples of the shading law of `contact`, spread evenly over slopes and places."""
     law = fit_light(contact, uneven)
