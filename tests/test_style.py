@@ -30,9 +30,17 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Statements at any depth; what is within an expression is none."""
+    for one in ast.iter_child_nodes(node):
+        if not isinstance(one, ast.expr):
+            yield one
+            yield from statements(one)
+
+
 def functions() -> Iterator[tuple[Path, Function]]:
     for path in SOURCES:
-        for node in ast.walk(tree_of(path)):
+        for node in statements(tree_of(path)):
             if isinstance(node, Function):
                 yield path, node
 
