@@ -23,4 +23,5 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_finish() -> None:
     gc.freeze()  # modules and tests stay until the end: no collection of garbage looks at them
+    gc.set_threshold(50_000, 20, 100)
     gc.enable()

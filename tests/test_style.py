@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from sources import statements
+
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(path for package in ("tactilevision", "calibration") for path in (ROOT / package).rglob("*.py"))
 LONGEST_FUNCTION = 60  # lines of code: a step is read whole on one screen
@@ -28,14 +30,6 @@ _UNIT = re.compile(
 @cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
-
-
-def statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Statements at any depth; what is within an expression is none."""
-    for one in ast.iter_child_nodes(node):
-        if not isinstance(one, ast.expr):
-            yield one
-            yield from statements(one)
 
 
 def functions() -> Iterator[tuple[Path, Function]]:
