@@ -6,6 +6,7 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Generator
 
 import pytest
 
@@ -14,14 +15,18 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy a
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    gc.disable()
     if not hasattr(config, "workerinput"):  # workers are started from here, and inherit the folder's name
         folder = os.environ["TACTILEVISION_SCENES"] = tempfile.mkdtemp(prefix="tactilevision_scenes_")
         os.environ["TACTILEVISION_CACHE"] = os.path.join(folder, "cache")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
-def pytest_collection_finish() -> None:
-    gc.freeze()  # modules and tests stay until the end: no collection of garbage looks at them
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and tests stay until the end: garbage is not looked for among them, and seldom elsewhere."""
+    gc.disable()
+    result = yield
+    gc.freeze()
     gc.set_threshold(50_000, 20, 100)
     gc.enable()
+    return result

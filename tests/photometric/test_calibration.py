@@ -50,7 +50,9 @@ def test_balls_are_found_to_a_fraction_of_a_pixel() -> None:
         assert found.contact_radius_px * MM_PER_PX == pytest.approx(contact, rel=0.12)
 
 
-@pytest.mark.parametrize(("name", "degrees"), [("polynomial", 6.0), ("lookup", 9.0)])
+@pytest.mark.parametrize(
+    ("name", "degrees"), [("polynomial", 6.0), pytest.param("lookup", 9.0, marks=pytest.mark.slow)]
+)
 def test_slopes_of_balls_never_seen(name: str, degrees: float) -> None:
     calibration = calibrated(name)
     assert calibration.direction_error_deg < degrees
