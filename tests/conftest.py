@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Generator
 
 import pytest
 
@@ -17,3 +19,14 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = os.environ["TACTILEVISION_SCENES"] = tempfile.mkdtemp(prefix="tactilevision_scenes_")
         os.environ["TACTILEVISION_CACHE"] = os.path.join(folder, "cache")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and tests stay until the end: garbage is not looked for among them, and seldom elsewhere."""
+    gc.disable()
+    result = yield
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
+    gc.enable()
+    return result

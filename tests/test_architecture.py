@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from each import each
 from importlinter.cli import lint_imports
+from sources import statements
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for name in ("tactilevision", "calibration") for p in (ROOT / name).rglob("*.py"))
@@ -20,7 +21,7 @@ HEAVY = {"torch", "kornia", "matplotlib", "skimage"}
 def imported(path: Path) -> set[str]:
     """Dotted names that a file imports anywhere in it, those that only a type checker sees too."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in statements(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

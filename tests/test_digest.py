@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from shared_scenes import PAPER, calibrated_points
 
 from benchmarks.digest.cases import CASES
 from benchmarks.digest.compare import differences
@@ -18,7 +19,7 @@ SLOW = [name for name in read_record() if name not in QUICK]  # test_samples has
 
 @pytest.fixture(scope="module")
 def space(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
-    return Workspace(tmp_path_factory.mktemp("digest"))
+    return Workspace(tmp_path_factory.mktemp("digest"), {("calibrate", str(PAPER)): calibrated_points()})
 
 
 def assert_as_recorded(name: str, space: Workspace) -> None:

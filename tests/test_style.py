@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from sources import statements
+
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(path for package in ("tactilevision", "calibration") for path in (ROOT / package).rglob("*.py"))
 LONGEST_FUNCTION = 60  # lines of code: a step is read whole on one screen
@@ -32,7 +34,7 @@ def tree_of(path: Path) -> ast.Module:
 
 def functions() -> Iterator[tuple[Path, Function]]:
     for path in SOURCES:
-        for node in ast.walk(tree_of(path)):
+        for node in statements(tree_of(path)):
             if isinstance(node, Function):
                 yield path, node
 

@@ -108,7 +108,7 @@ def with_faces() -> Observations:
             Model(PUNCH) + EFFECTS["backing_compliance"] + EFFECTS["adhesion"],
             replace(WITH_FORCE, depth_source="stage"),
         ),
-        (Model(RoundBody("sphere")) + EFFECTS["depth_zero"], BALLS),
+        (Model(RoundBody("sphere")) + EFFECTS["depth_zero"], BALLS.take([0, 1])),
         (Model(Resultant()) + EFFECTS["cut_contact"] + EFFECTS["photometric_gain"], with_resultants()),
         (Model(ReconstructedDepth()) + in_picture("bevel_rise"), with_faces()),
         (with_tolerances(Model(PUNCH), TOLERANT), TOLERANT),

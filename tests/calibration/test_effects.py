@@ -30,7 +30,7 @@ EVERY = [EFFECTS[key] for key in CATALOGUE]
 # by force alone, or for want of steps
 UNSEEN = ("depth_quantisation", "force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")
 CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN and effect.acts_on != "resultant"]
-LONG = ("edge_fillet", "tilt", "adhesion", "force_jump")  # fits of some seconds
+LONG = ("edge_fillet", "tilt", "adhesion", "force_jump", "screw_error", "slip_stick")  # fits of some seconds
 
 
 def rich() -> Observations:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,9 +51,14 @@ def test_a_force_that_drifts_in_proportion_is_told_from_the_presses_scatter() ->
     assert dict(found.effects[0].parameters)["gain"].value == pytest.approx(-0.1, abs=0.02)
 
 
+@cache
+def sound(seed: int) -> Diagnosis:
+    return diagnosed(points(seed))
+
+
 @pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7))])
 def test_points_that_nothing_ails_are_not_accused(seed: int) -> None:
-    assert diagnosed(points(seed)).verdict == "ADEQUATE"
+    assert sound(seed).verdict == "ADEQUATE"
 
 
 def test_a_speed_that_is_set_and_kept_within_some_percent_is_one_speed() -> None:
@@ -88,7 +94,7 @@ def test_one_session_is_sorted_by_its_order_alone() -> None:
 
 def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
     """UNKNOWN of the depth that the picture reads, beside forces that nothing ails."""
-    found = diagnosed(points(3))
+    found = sound(5)
     base = found.fits.base
     unseen = Searched(base, base, (), (), ScoreTest((), (), {}, {}))
     said = verdict_sentence(replace(found, verdict="UNKNOWN", search=replace(found.search, sight=unseen)))

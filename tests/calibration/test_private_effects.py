@@ -111,7 +111,9 @@ OTHERS = """
 """
 
 
-@pytest.mark.parametrize("key", ["viscoelasticity", "adhesion", "order_drift"])
+@pytest.mark.parametrize(
+    "key", [pytest.param("viscoelasticity", marks=pytest.mark.slow), "adhesion", "order_drift"]
+)
 def test_an_effect_in_its_process_gives_the_same_numbers_as_in_this_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str
 ) -> None:

@@ -99,19 +99,20 @@ class Drawn:
 
 
 @lru_cache(maxsize=64)
-def _places(fault: str, side: str) -> tuple[Floats, Floats, Floats]:
+def _places(fault: str, side: str) -> tuple[Floats, Floats, Floats, Floats]:
+    """Distances from the axis, along x and towards the bevel (mm), and the gel beside the face over its depth."""
     aside = (12.0, 0.0) if fault == "border" else (0.3, -0.2)
     x = (np.arange(SIZE[0]) - (SIZE[0] - 1) / 2) * MM_PER_PX - aside[0]
     y = (np.arange(SIZE[1]) - (SIZE[1] - 1) / 2) * MM_PER_PX - aside[1]
     grid = np.meshgrid(x, y)
     along = SIDES[side][0] * grid[0] + SIDES[side][1] * grid[1]
-    return np.hypot(*grid), grid[0], along
+    r, radius = np.hypot(*grid), 2.0 if fault == "footprint" else 2.5
+    return r, grid[0], along, _BESIDE(np.sqrt(np.clip(r - radius, 0, 12.5)))
 
 
 def surface(press: Made, w: float) -> Floats:
-    r, x, along = _places(press.fault, press.side)
+    r, x, along, unit = _places(press.fault, press.side)
     radius = 2.0 if press.fault == "footprint" else 2.5
-    unit = _BESIDE(np.sqrt(np.clip(r - radius, 0, 12.5)))
     tilt = 0.04 * x if press.fault == "tilt" and w > 0 else 0.0
     depth = np.where(r <= radius, np.maximum(w + tilt, 0), w * unit)
     if press.chip:

@@ -226,7 +226,10 @@ def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp
 
 @pytest.mark.parametrize(
     "shape",
-    [Indenter("", "cone", half_angle_deg=70.0), Indenter("", "sphere", radius_mm=6.0)],
+    [
+        pytest.param(Indenter("", "cone", half_angle_deg=70.0), marks=pytest.mark.slow),
+        Indenter("", "sphere", radius_mm=6.0),
+    ],
     ids=["cone", "ball"],
 )
 def test_a_cone_or_a_ball_has_no_bevel_and_its_presses_are_rejected_for_that(

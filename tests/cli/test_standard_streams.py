@@ -32,8 +32,15 @@ def in_shell(line: str, *arguments: object, **environment: str) -> subprocess.Co
 
 
 @FULL
-def test_a_summary_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
-    done = in_shell('"$@" > /dev/full', "calibrate", PAPER, "--no-test", "--out", tmp_path)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["new-effect", "own.py"],
+        pytest.param(["calibrate", PAPER, "--no-test", "--out", "."], marks=pytest.mark.slow),
+    ],
+)
+def test_a_summary_that_cannot_be_written_is_told_in_one_line(arguments: list[object], tmp_path: Path) -> None:
+    done = in_shell('"$@" > /dev/full', *arguments[:-1], tmp_path / str(arguments[-1]))
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert [line for line in done.stderr.splitlines() if line.startswith("error")] == [

@@ -179,6 +179,8 @@ def direct_writes(path: Path) -> list[str]:
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else ast.unparse(node.func)
         method = isinstance(node.func, ast.Attribute)
+        if name not in {*WRITES, "open", "replace", "dump"} and not name.startswith("save"):
+            continue
         said = ast.unparse(node)
         texts = {
             one.value for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from shared_scenes import shared
@@ -22,10 +23,19 @@ LAMPS = ((-30.0, -4.0, 18.0), (22.0, -24.0, 20.0), (10.0, 30.0, 17.0))  # mm fro
 TINTS = np.array([[0.9, 0.15, 0.1], [0.12, 0.8, 0.2], [0.1, 0.2, 0.95]])  # lamp, channel
 
 
+@lru_cache
 def places() -> tuple[Floats, Floats]:
     """x, y (H, W) in mm from the picture's centre."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
     return (x - (SHAPE[1] - 1) / 2) * MM_PER_PX, (y - (SHAPE[0] - 1) / 2) * MM_PER_PX
+
+
+@lru_cache
+def rays(lamp: tuple[float, float, float]) -> tuple[Floats, Floats]:
+    """From every pixel to a lamp (3, H, W), and the cube of how far that is."""
+    x, y = places()
+    ray = np.stack([lamp[0] - x, lamp[1] - y, np.full_like(x, lamp[2])])
+    return ray, np.sqrt((ray**2).sum(axis=0)) ** 3
 
 
 def picture(
@@ -45,13 +55,11 @@ def picture(
 
     `lamps` is what each still gives of its light; `at` and `tints` are their places and colours.
     """
-    x, y = places()
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
     light = np.zeros((*SHAPE, 3))
-    for (lx, ly, lz), tint, still in zip(at, tints, lamps, strict=True):
-        ray = np.stack([lx - x, ly - y, np.full_like(x, lz)])
-        distance = np.sqrt((ray**2).sum(axis=0))
-        shade = np.maximum((normal * ray).sum(axis=0), 0.0) / distance**3 * lz**2
+    for lamp, tint, still in zip(at, tints, lamps, strict=True):
+        ray, cubed = rays(lamp)
+        shade = np.maximum((normal * ray).sum(axis=0), 0.0) / cubed * lamp[2] ** 2
         light += still * shade[..., None] * tint
     grey = stray_grey + 150.0 * bright * gain * light + rng.normal(0.0, noise, light.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)

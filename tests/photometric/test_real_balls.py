@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from shared_scenes import shared
 
 from benchmarks.own_contacts import KINDS
 from benchmarks.ready_cards import SENSORS, by_network
@@ -59,6 +60,7 @@ def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
 
 
 @lru_cache
+@shared
 def calibrated(folder: str, marks: bool, every: int = 1) -> Calibration:
     flat, shots = gelslim(folder)
     return calibrate_from_balls(
@@ -132,11 +134,26 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
     return slopes, (colours, places)
 
 
+def test_a_real_ball_is_as_deep_as_its_contact_has_it() -> None:
+    # The ball's radius is not recorded with these frames: 3.8 mm, as the code they came with has it, is assumed.
+    found = calibrated("gelslim3_mcubelab/markerless", True, every=3)
+    assert found.direction_error_deg < 5.0
+    folder = REAL / "gelslim3_mcubelab"
+    with np.load(folder / "abe_corr.npz", allow_pickle=False) as table:
+        sensor = get_sensor("gelslim3", rectification=tuple(table[axis].astype(np.float32) for axis in ("y", "x")))
+    rebuilt = Reconstructor(sensor, found.method, calibration=found)
+    height = rebuilt.height_map(Frame(read(folder / "markerless" / "sample_16.jpg")))
+    # a ball of 3.8 mm that touches over 1.76 mm is 0.43 mm (its cap) to 0.82 mm (Hertz) deep
+    assert 0.43 < height.depth_mm.max() < 0.82
+    row, column = np.unravel_index(int(np.argmax(height.depth_mm)), height.depth_mm.shape)
+    assert np.hypot(column - 241.8, row - 145.1) < 6.0
+
+
 def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
-    calibration = calibrated("gelslim3_mcubelab/markers", True, every=3)
+    calibration = calibrated("gelslim3_mcubelab/markers", True, every=6)
     reconstructor = Reconstructor(get_sensor("gelslim3_markers"), calibration.method)
-    for number in (6, 21):
-        ball = calibration.balls[number // 3]
+    for number in (6, 24):
+        ball = calibration.balls[number // 6]
         assert ball is not None
         depth = reconstructor.height_map(Frame(gelslim("gelslim3_mcubelab/markers")[1][number].rgb)).depth_mm
         x, y = ball.centre_px

@@ -46,12 +46,12 @@ def photograph(reflectance: Floats, shade: float, rng: np.random.Generator) -> B
 
 def marks(from_x: Floats, from_y: Floats, skip: npt.NDArray[np.bool_] | None = None) -> Floats:
     """Reflectance with dark dots every 18 px of the material, those of `skip` (rows, columns) left out."""
-    reflectance = np.ones(SHAPE)
-    for row, y in enumerate(np.arange(12, SHAPE[0] - 6, 18)):
-        for column, x in enumerate(np.arange(12, SHAPE[1] - 6, 18)):
-            if skip is None or not skip[row, column]:
-                reflectance -= 0.6 * np.exp(-((((from_x - x) ** 2 + (from_y - y) ** 2) / (2 * 2.2**2)) ** 2))
-    return reflectance
+    shape = tuple(len(range(12, size - 6, 18)) for size in SHAPE)
+    dotted = np.ones(shape, np.bool_) if skip is None else ~skip[: shape[0], : shape[1]]
+    row, column = (np.rint((place - 12) / 18).astype(int) for place in (from_y, from_x))  # of the nearest dot
+    off = (from_x - 12 - 18 * column) ** 2 + (from_y - 12 - 18 * row) ** 2
+    there = np.pad(dotted, 1)[np.clip(row + 1, 0, shape[0] + 1), np.clip(column + 1, 0, shape[1] + 1)]
+    return np.asarray(1 - 0.6 * there * np.exp(-((off / (2 * 2.2**2)) ** 2)))
 
 
 def ink(from_x: Floats, from_y: Floats, rng: np.random.Generator) -> Floats:
