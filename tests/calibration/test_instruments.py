@@ -24,7 +24,7 @@ from calibration.tasks.compare import base_fit, base_model
 from calibration.tasks.diagnose import diagnose
 from tactilevision.recording.read import read_recording
 
-SEEDS = {"debonded_zone": 2, "warm_up": 1, "backlash": 1, "low_pass": 2, "gain_drift": 3, "slip_stick": 1}
+SEEDS = {"debonded_zone": 2, "warm_up": 1, "backlash": 1, "low_pass": 2, "gain_drift": 4, "slip_stick": 1}
 SEEDS |= {"depth_steps": 1, "clock_rate": 3, "guide_pulls": 3}
 NAMES = {
     "debonded_zone": "soft_zone",
