@@ -50,7 +50,6 @@ from tactilevision.pipeline import (
 from tactilevision.plots import style
 from tactilevision.plots.validation import Panel, Series, draw_validation
 from tactilevision.recording import layout
-from tactilevision.recording.layout import FOUND
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
 
@@ -325,7 +324,7 @@ def follow_steps(
     history: History, folder: Path, private: Sequence[Path] | None, *, choice: FigureChoice, listener: Listener
 ) -> None:
     """Make the folder's results those of the steps: as they were found where all stand, else fitted anew."""
-    found = folder / FOUND
+    found = folder / layout.FOUND
     whole = not history.undone and found.is_dir() and not found.is_symlink()
     names = [*PAGES, *([CALIBRATION] if history.applied else [])]
     with replaced(folder, names, FIGURES) as stage:
@@ -336,7 +335,7 @@ def follow_steps(
             _refit(history, folder, FigureFolder(stage, choice), private=private, listener=listener)
             if not found.is_dir():
                 for path in _found(folder, names, FIGURES):
-                    copy_own(path, stage / FOUND / path.relative_to(folder))
+                    copy_own(path, stage / layout.FOUND / path.relative_to(folder))
         write_history(history, stage, folder)
     if whole:
         _forget_found(folder)
@@ -349,8 +348,8 @@ def _refit(
     found = compare_as(history, _effects(history.steps, private), listener=listener)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
-    if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
-        state += f" What the diagnosis found is kept in {FOUND}/report.html."
+    if (folder / "diagnosis.json").is_file() or (folder / layout.FOUND / "diagnosis.json").is_file():
+        state += f" What the diagnosis found is kept in {layout.FOUND}/report.html."
     _fill_comparison(found, figures, listener, state=state)
     if history.applied and not history.steps and (folder / BEFORE).is_file():
         copy_own(folder / BEFORE, figures.path / CALIBRATION)
@@ -391,7 +390,7 @@ def _keep_calibration(out: Path, stage: Path) -> None:
 
 def _forget_found(folder: Path) -> None:
     """Remove the results kept of an analysis whose steps all stand, or that another one replaces."""
-    remove(folder / FOUND)
+    remove(folder / layout.FOUND)
 
 
 # Passports.

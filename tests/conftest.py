@@ -25,8 +25,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection() -> Generator[None, object, object]:
     """Modules and tests stay until the end: garbage is not looked for among them, and seldom elsewhere."""
     gc.disable()
-    result = yield
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 100)
-    gc.enable()
-    return result
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.set_threshold(50_000, 20, 100)
+        gc.enable()

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from tactilevision.errors import Terminated
 
-COLLECT_AFTER = 100_000  # new objects before cycles are looked for: each search walks all that imports made
+COLLECT_AFTER = 20_000  # new objects before cycles are looked for: each search walks all that imports made
 
 
 def main() -> int:

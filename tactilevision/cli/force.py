@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,10 +16,10 @@ import numpy as np
 
 from tactilevision.batch.selection import strongest_frames
 from tactilevision.cli import console, options, source
-from tactilevision.errors import InputError, installed_version
-from tactilevision.files.cache import kept
+from tactilevision.errors import InputError
+from tactilevision.files.cache import VARIABLE, kept
 from tactilevision.files.ledger import folder_digest
-from tactilevision.files.opening import real_path
+from tactilevision.files.opening import inside, real_path
 from tactilevision.files.writing import as_json, remove, staged, write_bytes
 from tactilevision.force import comparison
 from tactilevision.force.calibrated import (
@@ -34,7 +35,7 @@ from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_
 from tactilevision.force.mesh_compliance import MeshCompliance, equivalent_thickness_mm
 from tactilevision.plots import force as draw, style
 from tactilevision.profile.sensor import stated_material
-from tactilevision.recording.layout import FOUND
+from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import content_of, read_frame
 from tactilevision.records.constants import Z95
@@ -148,48 +149,53 @@ def _against_sensor(
 
 def _diagnose(written: Path, out: Path) -> dict[str, Any] | None:
     """Diagnose the difference from the force sensor into `out`, print what it lacks, and return it."""
-    libraries = [installed_version(name) for name in ("numpy", "scipy", "matplotlib")]
-    key = str(written), real_path(written), real_path(out), folder_digest(written), libraries
+    key = str(written), real_path(written), real_path(out), folder_digest(written)
     began = time.monotonic()
     try:
-        with staged(out.parent) as stage:
-            files = kept(
-                "diagnosis",
-                key,
-                make=lambda: _diagnosed(written, stage / out.name, out),
-                whole=lambda: time.monotonic() < began + MOST_S,
-            )
-            told = json.loads(files.pop(TOLD))
-            for name, content in files.items():
-                write_bytes(stage / out.name / name, content)
+        files = kept(
+            "diagnosis",
+            key,
+            make=lambda: _diagnosed(written, out),
+            whole=lambda: time.monotonic() < began + MOST_S,
+        )
     except InputError as fault:
         console.say(f"  the difference from the force sensor is not diagnosed: {fault}")
         return None
-    remove(out / FOUND)
+    told = json.loads(files.pop(TOLD))
+    with staged(out) as stage:
+        for name, content in files.items():
+            write_bytes(inside(stage, name, where=VARIABLE), content)
+    remove(out / layout.FOUND)
     console.warn(told["warnings"])
     console.say(*told["lines"])
     found: dict[str, Any] = told["content"]
     return found
 
 
-def _diagnosed(written: Path, folder: Path, out: Path) -> dict[str, bytes]:
-    """Return the files of a diagnosis made in `folder`, which will be in `out`, and what is told of it."""
+def _diagnosed(written: Path, out: Path) -> dict[str, bytes]:
+    """Return the files of a diagnosis, which will be in `out`, and what is told of it."""
     from calibration.inputs.deadline import Deadline
     from calibration.report.diagnosis_report import resultant_sentences
     from calibration.tasks.session import HISTORY, History, load_history
     from tactilevision import result_folders as folders
 
     warnings = list[str]()
-    listener: Any = SimpleNamespace(progress_bar=console.progress_bar, warn=warnings.extend)
+    heard: Any = SimpleNamespace(progress_bar=console.progress_bar, warn=warnings.extend)
     asked, how = History((str(written),)), folders.Search(deadline=Deadline.after(MOST_S))
-    found, content, commands = folders.diagnose_as(asked, how, out=folder, listener=listener)
-    folders.write_history(load_history(folder / HISTORY), folder, out)
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        try:
+            found, content, commands = folders.diagnose_as(asked, how, out=folder, listener=heard)
+        except InputError:
+            console.warn(warnings)
+            raise
+        folders.write_history(load_history(folder / HISTORY), folder, out)
+        made = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in made}
     words = "to add it" if found.effects else "to try"
     lines = [*resultant_sentences(found), *(f"{words}: {text}" for text in commands)]
     lines += [f"its figures are in {out / 'report.html'}; to look further: tactilevision workbench {written}"]
     told = {"content": content, "warnings": warnings, "lines": [f"  {line}" for line in lines]}
-    made = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in made}
     return files | {TOLD: as_json(told).encode()}
 
 

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import InputError, OutputError, installed_version
 from tactilevision.files.arrays import read_archive, unpack_arrays
 from tactilevision.files.opening import MB
 from tactilevision.files.writing import pack_arrays, replacing, write_archive
@@ -32,6 +32,8 @@ OFF = "off"  # instead of a folder: nothing is kept
 PACKAGE = "tactilevision."  # of the classes that are kept
 T = TypeVar("T")
 KEY = "key"  # name of the file with the whole key
+SOURCES = "*.py", "*.json", "*.csv"  # code, cards and tables, on which all results depend
+LIBRARIES = "numpy", "scipy", "opencv-contrib-python-headless", "matplotlib"  # others may round otherwise
 
 
 def cache_folder() -> Path | None:
@@ -45,10 +47,10 @@ def cache_folder() -> Path | None:
 
 @cache
 def source_digest() -> str:
-    """Return a hash of both packages' source files and cards: another revision computes anew."""
+    """Return a hash of both packages' sources and of the libraries' versions: others compute anew."""
     packages = [Path(__file__).parents[2] / name for name in ("tactilevision", "calibration")]
-    digest = hashlib.sha256()
-    for path in sorted(path for one in packages for form in ("*.py", "*.json") for path in one.rglob(form)):
+    digest = hashlib.sha256(repr([installed_version(name) for name in LIBRARIES]).encode())
+    for path in sorted(path for one in packages for form in SOURCES for path in one.rglob(form)):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:20]
 

@@ -179,7 +179,7 @@ class ForceJob:
         covariance = None if material.covariance is None else material.covariance.tolist()
         follows = self.untouched is not None and self.untouched.shows
         return (self.store, material.youngs_modulus_MPa, material.poisson_ratio, covariance, self.field.settings,
-                self.field.gel, follows, self.anchor.depth_scale, self.reconstructor.taught,
+                self.field.gel, follows, self.anchor, self.reconstructor.taught,
                 material.deepest_mm)  # fmt: skip
 
     def prepare(self, names: Sequence[str], *, anew: bool) -> None:

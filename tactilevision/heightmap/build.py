@@ -30,7 +30,7 @@ from tactilevision.heightmap.self_calibration import (
 )
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
-from tactilevision.photometric.ball_samples import far_from, forget_samples
+from tactilevision.photometric.ball_samples import far_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
@@ -394,7 +394,6 @@ def _built(
         _log.info("%s: calibrating the light on %d ball presses", recording.name, len(pictures))
         how: Any = {"mm_per_px": sensor.mm_per_px, "fit": fit, "progress": progress}
         calibration = calibrate_from_balls(reference, pictures, **how)
-        forget_samples()
         found = tuned(sensor, calibration, pictures=pictures, free=free, progress=progress)
         return found.warned(*ball_validation.doubt_of_radii(sensor, pictures, calibration))
 

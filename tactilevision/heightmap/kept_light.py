@@ -8,8 +8,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import numpy.typing as npt
 
 from tactilevision.files.cache import kept
@@ -50,8 +48,7 @@ def kept_light(
         digest.update(rgb.tobytes())
     balls = [(one.radius_mm, one.centre_px, one.contact_radius_px, one.name) for one in pictures]
     seen_by = replace(sensor, rectification=None)  # the pictures are rectified
-    libraries = np.__version__, cv2.__version__  # which may round otherwise
-    key = libraries, fit, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
+    key = fit, repr(seen_by), reference.marks is None, balls, digest.hexdigest()
     return _restored(kept("light", key, make=lambda: _packed(make())), sensor, reference)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import compress
 
 import numpy as np
 
@@ -211,10 +212,12 @@ class _Fit:
         for k, press in enumerate(self.presses):
             if np.isfinite(press.blocks.view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
                 depths[k] = DEPTH_STEP * round(depths[k] / DEPTH_STEP)
-        several, friction = tuple(dict.fromkeys(depths)), friction_of_share(friction_share)
+        friction = friction_of_share(friction_share)
+        radii = [press.blocks.view.radius_mm for press in self.presses]
         places, found = [place for place, _ in model.shape_error] or [0.0], []
-        for press, w_over_h in zip(self.presses, depths, strict=True):
-            radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
+        for press, radius, w_over_h in zip(self.presses, radii, depths, strict=True):
+            several = tuple(dict.fromkeys(compress(depths, (one == radius for one in radii))))
+            r = press.blocks.r_mm
             # a step of the fit may leave the range
             a_over_h = float(np.clip(radius / thickness, *model.a_over_h_range))
             case = PunchCase(nu, a_over_h, several, friction)

@@ -54,8 +54,8 @@ SPLINE_NODES = 100  # of the profile's spline
 class PunchCase:
     """Dimensionless parameters of the surface around a flat punch.
 
-    `w_over_h` is the depth over the thickness, or several of them, for which radii and results have one more,
-    first axis; `friction` is Coulomb's coefficient; infinity: the gel sticks.
+    `w_over_h` is the depth over the thickness, or several of them, for which radii (depths, ...) and results have
+    one more, first axis; `friction` is Coulomb's coefficient; infinity: the gel sticks.
     """
 
     poisson_ratio: float

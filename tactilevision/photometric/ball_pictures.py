@@ -160,7 +160,7 @@ class BallSearch:
     rng: np.random.Generator
     progress: Progress = silent
 
-    def both(self) -> tuple[tuple[Ball | None, ...], FoundBalls]:
+    def alone_and_refined(self) -> tuple[tuple[Ball | None, ...], FoundBalls]:
         """Return each ball as found alone, and all as refined by the light of the others."""
         alone = self.collect()
         return alone.balls, self.refine(alone)

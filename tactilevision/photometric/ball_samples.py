@@ -29,8 +29,9 @@ _caches: list[Any] = []  # of all functions of sample sets
 
 def kept_of_samples(function: T) -> T:
     """Return the function with its results kept until `forget_samples`."""
-    _caches.append(lru_cache(maxsize=KEPT)(cast(Any, function)))
-    return cast(T, _caches[-1])
+    kept: Any = lru_cache(maxsize=KEPT)(cast(Any, function))
+    _caches.append(kept)
+    return cast(T, kept)
 
 
 def forget_samples() -> None:

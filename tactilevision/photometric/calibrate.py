@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 
-import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
@@ -14,7 +13,13 @@ from tactilevision.files.cache import kept_record, packed_record
 from tactilevision.photometric.ball_consistency import ball_warnings, pressed_reference
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import MIN_BALLS, BallPicture, BallSearch, check_count, pressed_balls
-from tactilevision.photometric.ball_samples import Samples, far_from, slope_observability, with_same_colours
+from tactilevision.photometric.ball_samples import (
+    Samples,
+    far_from,
+    forget_samples,
+    slope_observability,
+    with_same_colours,
+)
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import BallFit, Fitter, HeldOutLaw, gain_std, scale_uncertainty
@@ -59,9 +64,9 @@ def calibrate_from_balls(
     """
     change, shots = ColourChange(reference), [picture.rgb for picture in pictures]
     search = BallSearch(change, pictures, mm_per_px, np.random.default_rng(0), progress)
-    content = packed_record((reference, tuple(pictures), mm_per_px, np.__version__, cv2.__version__))
+    content = packed_record((reference, tuple(pictures), mm_per_px))
     key = [sha256(part).hexdigest() for part in content.values()]
-    alone, seen = kept_record("balls", key, make=search.both)
+    alone, seen = kept_record("balls", key, make=search.alone_and_refined)
     balls, every = list(seen.balls), seen.every
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if (prepared := getattr(fit, "prepared", None)) is not None:
@@ -98,10 +103,10 @@ def calibrate_from_balls(
         response=response_of(pressed, pressed.values_of(change.maps.mean)).to_card(),
     )
     relative = slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
+    two, law = _two_colours(best, *every), best.light_law()
+    forget_samples()
     return Calibration(
-        CalibratedMethod(
-            best.law, reference, relative, background, card, _two_colours(best, *every), best.light_law()
-        ),
+        CalibratedMethod(best.law, reference, relative, background, card, two, law),
         tuple(balls),
         direction,
         slope_error,

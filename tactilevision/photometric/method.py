@@ -242,7 +242,8 @@ class CalibratedMethod:
     def noted(self, **changes: Any) -> CalibratedMethod:
         """Return a copy with another `card` (of the same response), `light_law`, `walls` or `background`.
 
-        Only what a background changes is computed again; both share what `follow` moves.
+        Only what depends on the background is computed again. Both share what `follow` moves, except where the
+        background or the tile differs: take such a copy before `follow`.
         """
         noted = copy(self)
         noted.__dict__.update(changes)

@@ -20,7 +20,7 @@ from tactilevision.recording.read_tables import read_curves, read_frame_table, r
 from tactilevision.recording.tables import read_table
 from tactilevision.records.rig import Indenter
 
-SMALL = 2500  # parts of the shorter text
+SMALL = 4000  # parts of the shorter text
 MOST = 9.0  # times longer: 16 where each part looks at all others, 4 where none does
 LEAST_S = 0.02  # of processor time, below which nothing is compared
 

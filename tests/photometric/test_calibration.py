@@ -218,7 +218,7 @@ def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     rng = np.random.default_rng(0)
     reference = make_reference([glaring(flat(rng)) for _ in range(3)])
     lost = (SHAPE[1] / 7, SHAPE[0] / 7)
-    shots = [BallPicture(glaring(p.rgb), RADIUS_MM) for p in pictures(5)]
+    shots = [BallPicture(glaring(p.rgb), RADIUS_MM) for p in pictures(8)]
     shots.append(BallPicture(shots[0].rgb, RADIUS_MM, centre_px=lost, contact_radius_px=10.0, name="lost"))
     found = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert found.balls[-1] is None

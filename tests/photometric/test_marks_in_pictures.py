@@ -25,7 +25,7 @@ def method(rng: np.random.Generator, *, may_have_marks: bool) -> CalibratedMetho
     reference = make_reference([with_dots(flat(rng)) for _ in range(3)], may_have_marks=may_have_marks)
     shots = [
         BallPicture(with_dots(picture(*ball(centre, contact, 4.0)[1:], rng)), 4.0)
-        for centre, contact in presses(6, rng)
+        for centre, contact in presses(8, rng)
     ]
     return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"]).method
 

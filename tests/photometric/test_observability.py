@@ -24,7 +24,7 @@ FAR = tuple((20 * x, 20 * y, 20 * z) for x, y, z in FACING)
 def made(places: tuple[tuple[float, float, float], ...], tints: Floats, seed: int) -> Calibration:
     rng = np.random.default_rng(seed)
     shots = []
-    for centre, contact in presses(6, rng):
+    for centre, contact in presses(8, rng):
         _, p, q = ball(centre, contact, 4.0)
         rgb = picture(p, q, rng, at=places, tints=tints)
         shots.append(BallPicture(rgb, 4.0, in_px(centre), contact / MM_PER_PX))

@@ -67,7 +67,7 @@ def test_a_calibration_on_wrong_circles_warns_and_flags_every_map() -> None:
 def test_a_scale_stated_ten_times_too_small_ends_no_calibration() -> None:
     """Contacts are then said to be smaller than the cells in which the light's law is held against them."""
     rng = np.random.default_rng(2)
-    reference, shots = make_reference([flat(rng) for _ in range(3)]), ball_pictures(5, rng)
+    reference, shots = make_reference([flat(rng) for _ in range(3)]), ball_pictures(8, rng)
     small = replace(SENSOR, mm_per_px=(SENSOR.mm_per_px[0] / 10, SENSOR.mm_per_px[1] / 10))
     fit = PHOTOMETRIC["polynomial"]
     calibration = calibrate_from_balls(reference, shots, mm_per_px=small.mm_per_px, fit=fit)

@@ -129,7 +129,7 @@ class TableProfile:
     edge_over_h: float = EDGE_OVER_H
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-        """Return rise and u_r per unit of depth at r/a >= 1 (any shape), for each depth."""
+        """Return rise and u_r per unit of depth at r/a >= 1: of any shape; of several depths (depths, ...)."""
         for what, value, ends in (
             ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
             ("a/h", case.a_over_h, A_OVER_H_RANGE),
