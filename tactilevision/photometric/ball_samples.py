@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ import numpy.typing as npt
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats, Pair, Picture
+
+if TYPE_CHECKING:
+    from functools import _lru_cache_wrapper
 
 # Pairs of colour change and slope from ball presses.
 
@@ -27,11 +30,11 @@ T = TypeVar("T")
 _caches: list[Any] = []  # of all functions of sample sets
 
 
-def kept_of_samples(function: T) -> T:
+def kept_of_samples(function: Callable[..., T]) -> _lru_cache_wrapper[T]:
     """Return the function with its results kept until `forget_samples`."""
-    kept: Any = lru_cache(maxsize=KEPT)(cast(Any, function))
+    kept = lru_cache(maxsize=KEPT)(function)
     _caches.append(kept)
-    return cast(T, kept)
+    return kept
 
 
 def forget_samples() -> None:
