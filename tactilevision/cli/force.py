@@ -142,7 +142,7 @@ def _against_sensor(
         job.field,
         folder=out / "beside",
         maps=lambda number: job.maps(read_frame(recording, number))[:2],
-        of=(content_of(recording), way, job.decides()),
+        depends_on=(content_of(recording), way, job.decides()),
         material_std=std,
     )
 

@@ -164,14 +164,14 @@ def write_comparison(
     *,
     folder: Path,
     maps: Callable[[int], tuple[HeightMap, ShearMap | None]],
-    of: object = None,
+    depends_on: object = None,
     material_std: float = 0.0,
 ) -> Path | None:
     """Write the recording of curves into `folder`; return None if no press has enough frames with both forces.
 
     `rows`, one a frame, are forces by `field`; `maps` returns depth and shear (H, W) mm of a frame by its number,
-    and `of` is what determines these maps and the field, by which the forces on another layer are kept in the
-    cache; None: they are not.
+    and `depends_on` states what determines these maps and the field: by it, the sensitivity of each force to the
+    gel's thickness is kept in the cache. None: it is not kept.
     `material_std` is the relative std of a force by the calibration. Where no presses are listed, each run of
     frames with contact is one.
     """
@@ -191,7 +191,7 @@ def write_comparison(
         chosen[press.press] = [deep[k] for k in np.unique(np.linspace(len(deep) - 1, 0, most).astype(int))]
     numbers = [number[row.frame] for some in chosen.values() for row in some]
     make = partial(_of_thickness, map(maps, numbers), field)
-    powers = make() if of is None else kept_array("thickness", (of, numbers), make=make)
+    powers = make() if depends_on is None else kept_array("thickness", (depends_on, numbers), make=make)
     curves, power = [], dict(zip(numbers, powers, strict=True))
     for press in presses:
         depths_mm, known_mm = ([row.depth_mm for row in some[press.press]] for some in (seen, chosen))
